@@ -1,0 +1,2 @@
+//! The `strandflow` command.
+fn main() {}

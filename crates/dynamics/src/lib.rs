@@ -1,0 +1,1 @@
+//! Strand springs, implicit Euler, exact adjoint, bound-constrained fit and warp.

@@ -1,0 +1,1 @@
+//! The take on disk, the stage table, staleness, resume and executors.

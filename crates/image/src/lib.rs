@@ -1,0 +1,1 @@
+//! Filters, orientation maps, robust optical flow and mattes.

@@ -1,0 +1,1 @@
+//! Hull carving, line and velocity fields, diffusion and sampling.

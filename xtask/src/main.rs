@@ -1,0 +1,2 @@
+//! Set-up, checks and tests of the workspace.
+fn main() {}
