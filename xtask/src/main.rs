@@ -1,2 +1,97 @@
-//! Set-up, checks and tests of the workspace.
-fn main() {}
+//! Set-up, checks and tests of the workspace: `cargo xtask setup | test | ci`.
+
+use std::{
+    path::{Path, PathBuf},
+    process::{Command, ExitCode},
+};
+
+const USAGE: &str = "cargo xtask setup    install what the tests use beyond Rust: ffmpeg, and foreign readers in target/python
+cargo xtask test     setup, then all tests; what could not be installed is skipped and said so
+cargo xtask ci       everything the gate runs: format, lints, docs, tests, demo; nothing may be skipped";
+
+fn main() -> ExitCode {
+    let task = std::env::args().nth(1).unwrap_or_default();
+    let strict = std::env::var_os("CI").is_some() || task == "ci";
+    let done = match task.as_str() {
+        "setup" => setup(strict),
+        "test" => setup(strict).and_then(|()| test()),
+        "ci" => ci(),
+        _ => Err(format!("no such task: `{task}`\n{USAGE}")),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(fact) => {
+            eprintln!("error: {fact}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Installs ffmpeg (Debian) and the foreign readers. `strict`: a missing thing is an error, else a notice.
+fn setup(strict: bool) -> Result<(), String> {
+    for (what, had) in [("ffmpeg (videos)", ffmpeg()), ("numpy, usd-core, zarr (foreign readers)", readers())] {
+        match had {
+            Ok(()) => {}
+            Err(fact) if strict => return Err(format!("{what}: {fact}")),
+            Err(fact) => eprintln!("notice: {what}: {fact}; the tests that need it will say `skipped`"),
+        }
+    }
+    Ok(())
+}
+
+fn ffmpeg() -> Result<(), String> {
+    if Command::new("ffmpeg").arg("-version").output().is_ok_and(|o| o.status.success()) {
+        return Ok(());
+    }
+    run(Command::new("apt-get").args(["update", "-qq"]))?;
+    run(Command::new("apt-get").args(["install", "-y", "-qq", "--no-install-recommends", "ffmpeg"]))
+}
+
+fn readers() -> Result<(), String> {
+    let python = python();
+    let have = || {
+        let check = Command::new(&python).args(["-c", "import numpy, zarr; from pxr import Usd"]).output();
+        check.is_ok_and(|o| o.status.success())
+    };
+    if have() {
+        return Ok(());
+    }
+    let folder = root().join("target/python");
+    run(Command::new("python3").args(["-m", "venv"]).arg(&folder))?;
+    run(Command::new(&python).args(["-m", "pip", "install", "-q", "-r"]).arg(root().join("tools/requirements.txt")))?;
+    if have() { Ok(()) } else { Err("installed, but cannot be imported".into()) }
+}
+
+/// The interpreter that holds the foreign readers; tests find it in `STRANDFLOW_PYTHON`.
+fn python() -> PathBuf {
+    root().join("target/python/bin/python3")
+}
+
+fn test() -> Result<(), String> {
+    run(cargo().args(["test", "--workspace", "--no-fail-fast"]))
+}
+
+fn ci() -> Result<(), String> {
+    run(cargo().args(["fmt", "--all", "--check"]))?;
+    setup(true)?;
+    run(cargo().args(["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"]))?;
+    run(cargo().args(["doc", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"))?;
+    run(cargo().args(["run", "--", "demo", "--out"]).arg(root().join("target/demo")).arg("--force"))?;
+    test()
+}
+
+fn cargo() -> Command {
+    let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    cargo.current_dir(root()).env("STRANDFLOW_PYTHON", python());
+    cargo
+}
+
+fn root() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+}
+
+fn run(command: &mut Command) -> Result<(), String> {
+    eprintln!("running: {command:?}");
+    let status = command.status().map_err(|error| format!("{command:?}: {error}"))?;
+    if status.success() { Ok(()) } else { Err(format!("{command:?} ended with {status}")) }
+}
