@@ -1,6 +1,9 @@
 //! Projection and distortion, triangulation, rigid alignment, polylines and meshes.
 
 pub mod align;
+pub mod mesh_distance;
 pub mod polyline;
+pub mod primitives;
 pub mod project;
+pub mod signed_distance;
 pub mod triangulate;
