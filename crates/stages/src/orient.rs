@@ -1,7 +1,16 @@
 //! Stage 5: 2D orientation and confidence of every hair pixel.
+//!
+//! Reference: Zhang et al. 2012 §4; Paris et al. 2004 (oriented filters on hair); Granlund & Knutsson 1995.
 
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Mask, Place, Plane, Report, RgbImage};
+use strandflow_image::{
+    colour::luma_of,
+    filter::gaussian_where,
+    gabor::{OrientationEnergy, add_energy},
+    pool::{along_lines, isotropic},
+    region::Region,
+};
 
 use crate::{Mode, SettingViolation, StageError};
 
@@ -15,14 +24,68 @@ pub struct OrientationMap {
 }
 
 /// Settings of stage `orient`.
-#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct OrientSettings {}
+pub struct OrientSettings {
+    /// Wavelengths of the filter pairs \[px\]: about two to four times the width of a visible strand or wisp.
+    pub wavelengths_px: Vec<f32>,
+    /// Orientations of the bank (even).
+    pub orientations: usize,
+    /// Sigma of the high pass that removes shading \[px\].
+    pub highpass_px: f32,
+    /// Sensor noise \[code values\]: texture below it is not amplified.
+    pub noise_codes: f32,
+    /// Sigma of pooling in every direction \[px\].
+    pub pool_px: f32,
+    /// Sigma of pooling along the strands \[px\].
+    pub pool_along_px: f32,
+}
+
+impl Default for OrientSettings {
+    fn default() -> Self {
+        Self {
+            wavelengths_px: vec![4.5, 6.5, 9.5],
+            orientations: 32,
+            highpass_px: 6.0,
+            noise_codes: 4.0,
+            pool_px: 2.5,
+            pool_along_px: 8.0,
+        }
+    }
+}
 
 impl OrientSettings {
     /// All violations.
     pub fn check(&self) -> Vec<SettingViolation> {
-        Vec::new()
+        let mut found = Vec::new();
+        let mut unless = |ok, field: &str, value: String, range: &str, reason: &str| {
+            SettingViolation::unless(ok, &mut found, (&format!("orient.{field}"), value), (range, reason));
+        };
+        let waves = &self.wavelengths_px;
+        unless(
+            !waves.is_empty() && waves.iter().all(|w| (2.5..=64.0).contains(w)),
+            "wavelengths_px",
+            format!("{waves:?}"),
+            "one or more of 2.5..=64",
+            "shorter waves are not sampled, longer ones are shading",
+        );
+        unless(
+            self.orientations >= 4 && self.orientations % 2 == 0,
+            "orientations",
+            self.orientations.to_string(),
+            "an even number from 4 on",
+            "orientations are filtered in mirrored pairs",
+        );
+        for (field, value, low, high) in [
+            ("highpass_px", self.highpass_px, 1.0, 100.0),
+            ("noise_codes", self.noise_codes, 0.1, 100.0),
+            ("pool_px", self.pool_px, 0.0, 30.0),
+            ("pool_along_px", self.pool_along_px, 0.0, 60.0),
+        ] {
+            let range = format!("{low}..={high}");
+            unless((low..=high).contains(&value), field, value.to_string(), &range, "outside what images can show");
+        }
+        found
     }
 }
 
@@ -36,5 +99,83 @@ pub fn orient(
     settings: &OrientSettings,
     report: &mut Report,
 ) -> Result<OrientationMap, StageError> {
-    unimplemented!()
+    for (mask, what) in [(hair, "hair mask"), (subject, "subject mask")] {
+        if (mask.width, mask.height) != (image.width, image.height) {
+            return Err(StageError::Input {
+                place: place.clone(),
+                fact: format!(
+                    "the {what} is {}×{}, the image {}×{}",
+                    mask.width, mask.height, image.width, image.height
+                ),
+                hint: "give masks at the size of the images".into(),
+            });
+        }
+    }
+    let mut map = OrientationMap {
+        angle: Plane::filled(image.width, image.height, 0.0),
+        confidence: Plane::filled(image.width, image.height, 0.0),
+    };
+    let Some(bounds) = Region::bounding(hair, |&m| m >= 128) else {
+        report.warn(place.clone(), "the hair mask is empty", "no orientations");
+        return Ok(map);
+    };
+    let margin = settings.wavelengths_px.iter().fold(0.0f32, |a, &b| a.max(b)) as usize + 2;
+    let region = bounds.grown(margin, image.width, image.height);
+    let coverage = region.crop(hair, |&m| f32::from(m) / 255.0);
+    let inside = region.crop(hair, |&m| m >= 128);
+    let texture = texture(&region.crop(image, |&c| luma_of(c)), &coverage, settings);
+    let energy = filter_bank(&texture, settings);
+    let pooled = match mode {
+        Mode::Paper => energy,
+        Mode::Robust => {
+            let wide = isotropic(&energy, settings.pool_px);
+            let once = along_lines(&wide, &wide, &inside, settings.pool_along_px);
+            along_lines(&wide, &once, &inside, settings.pool_along_px)
+        }
+    };
+    let (angle, confidence) = read_out(&pooled, &inside);
+    region.paste(&angle, &mut map.angle);
+    region.paste(&confidence, &mut map.confidence);
+    Ok(map)
+}
+
+/// Luma without shading and with even contrast, 0 outside the hair: the mask's border makes no edge.
+fn texture(luma: &Plane<f32>, coverage: &Plane<f32>, settings: &OrientSettings) -> Plane<f32> {
+    let shading = gaussian_where(luma, coverage, settings.highpass_px);
+    let detail = Plane {
+        data: (0..luma.data.len()).map(|i| (luma.data[i] - shading.data[i]) * coverage.data[i]).collect(),
+        ..*luma
+    };
+    let variance = gaussian_where(&detail.map(|d| d * d), coverage, 1.5 * settings.highpass_px);
+    let floor = settings.noise_codes * settings.noise_codes;
+    let mut out = detail;
+    out.data.iter_mut().zip(&variance.data).for_each(|(d, v)| *d /= (v + floor).sqrt());
+    out
+}
+
+/// Energies of all wavelengths, each scaled so that white noise has the same energy at every wavelength.
+fn filter_bank(texture: &Plane<f32>, settings: &OrientSettings) -> OrientationEnergy {
+    let mut energy = OrientationEnergy::zero(texture.width, texture.height);
+    for &wavelength in &settings.wavelengths_px {
+        let sigma = 0.5 * wavelength;
+        let gain = sigma * sigma / settings.orientations as f32;
+        add_energy(texture, (wavelength, sigma), settings.orientations, gain, &mut energy);
+    }
+    energy
+}
+
+/// Angle in [0, π) and confidence: the share of the energy that agrees on the angle.
+fn read_out(pooled: &OrientationEnergy, inside: &Plane<bool>) -> (Plane<f32>, Plane<f32>) {
+    let at = |i: usize| {
+        if !inside.data[i] {
+            return (0.0, 0.0);
+        }
+        let (c, s, total) = (pooled.cos2.data[i], pooled.sin2.data[i], pooled.total.data[i]);
+        let angle = (0.5 * s.atan2(c)).rem_euclid(std::f32::consts::PI);
+        let angle = if angle >= std::f32::consts::PI { 0.0 } else { angle };
+        (angle, if total > 0.0 { (c.hypot(s) / total).min(1.0) } else { 0.0 })
+    };
+    let (angle, confidence) = (0..inside.data.len()).map(at).unzip();
+    let plane = |data| Plane { width: inside.width, height: inside.height, data };
+    (plane(angle), plane(confidence))
 }

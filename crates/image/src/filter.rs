@@ -1,0 +1,128 @@
+//! Separable filters on floating-point planes. Borders are repeated.
+
+use strandflow_core::Plane;
+
+/// Half a symmetric Gaussian kernel, centre first, that sums to one over both sides; radius is three sigma.
+pub fn gaussian_half(sigma: f32) -> Vec<f32> {
+    let radius = (3.0 * sigma).ceil().max(1.0) as usize;
+    let raw: Vec<f32> = (0..=radius).map(|i| (-0.5 * (i as f32 / sigma.max(1e-6)).powi(2)).exp()).collect();
+    let sum = raw[0] + 2.0 * raw[1..].iter().sum::<f32>();
+    raw.iter().map(|w| w / sum).collect()
+}
+
+/// Correlation along rows with taps at −r..=r given as a half kernel, centre first. `odd`: taps at −i carry the
+/// opposite sign and the centre is ignored.
+pub fn along_rows(plane: &Plane<f32>, half: &[f32], odd: bool) -> Plane<f32> {
+    let (w, r) = (plane.width, half.len() - 1);
+    let mut out = Plane::filled(w, plane.height, 0.0f32);
+    let mut padded = vec![0.0f32; w + 2 * r];
+    for y in 0..plane.height {
+        let row = plane.row(y);
+        padded[..r].fill(row[0]);
+        padded[r..r + w].copy_from_slice(row);
+        padded[r + w..].fill(row[w - 1]);
+        let target = &mut out.data[y * w..(y + 1) * w];
+        if !odd {
+            target.iter_mut().zip(&padded[r..]).for_each(|(t, p)| *t = half[0] * p);
+        }
+        for (i, &k) in half.iter().enumerate().skip(1) {
+            let (left, right) = (&padded[r - i..r - i + w], &padded[r + i..r + i + w]);
+            if odd {
+                target.iter_mut().zip(left.iter().zip(right)).for_each(|(t, (a, b))| *t += k * (b - a));
+            } else {
+                target.iter_mut().zip(left.iter().zip(right)).for_each(|(t, (a, b))| *t += k * (a + b));
+            }
+        }
+    }
+    out
+}
+
+/// Correlation along columns; see [`along_rows`].
+pub fn along_columns(plane: &Plane<f32>, half: &[f32], odd: bool) -> Plane<f32> {
+    let mut out = Plane::filled(plane.width, plane.height, 0.0f32);
+    for y in 0..plane.height {
+        let target = &mut out.data[y * plane.width..(y + 1) * plane.width];
+        column_row(plane, half, odd, y, target);
+    }
+    out
+}
+
+/// One output row of [`along_columns`].
+pub fn column_row(plane: &Plane<f32>, half: &[f32], odd: bool, y: usize, target: &mut [f32]) {
+    if odd {
+        target.fill(0.0);
+    } else {
+        target.iter_mut().zip(plane.row(y)).for_each(|(t, p)| *t = half[0] * p);
+    }
+    for (i, &k) in half.iter().enumerate().skip(1) {
+        let (above, below) = (plane.row(y.saturating_sub(i)), plane.row((y + i).min(plane.height - 1)));
+        if odd {
+            target.iter_mut().zip(above.iter().zip(below)).for_each(|(t, (a, b))| *t += k * (b - a));
+        } else {
+            target.iter_mut().zip(above.iter().zip(below)).for_each(|(t, (a, b))| *t += k * (a + b));
+        }
+    }
+}
+
+/// Gaussian blur.
+pub fn gaussian(plane: &Plane<f32>, sigma: f32) -> Plane<f32> {
+    if sigma <= 0.0 {
+        return plane.clone();
+    }
+    let half = gaussian_half(sigma);
+    along_columns(&along_rows(plane, &half, false), &half, false)
+}
+
+/// Gaussian blur of `plane` where `weight` is known, normalised by the blurred weight (Knutsson & Westin 1993); where
+/// the blurred weight is below 1e-4 the result is 0.
+pub fn gaussian_where(plane: &Plane<f32>, weight: &Plane<f32>, sigma: f32) -> Plane<f32> {
+    let weighted = Plane { data: plane.data.iter().zip(&weight.data).map(|(p, w)| p * w).collect(), ..*plane };
+    let (mut top, bottom) = (gaussian(&weighted, sigma), gaussian(weight, sigma));
+    top.data.iter_mut().zip(&bottom.data).for_each(|(t, b)| *t = if *b > 1e-4 { *t / b } else { 0.0 });
+    top
+}
+
+/// Central differences (five-point, exact for cubics) along x and y \[1/px\].
+pub fn gradients(plane: &Plane<f32>) -> (Plane<f32>, Plane<f32>) {
+    let half = [0.0, 8.0 / 12.0, -1.0 / 12.0];
+    (along_rows(plane, &half, true), along_columns(plane, &half, true))
+}
+
+/// Half the resolution after a Gaussian blur of sigma 1; odd sizes round up.
+pub fn halved(plane: &Plane<f32>) -> Plane<f32> {
+    let smooth = gaussian(plane, 1.0);
+    Plane::from_fn(plane.width.div_ceil(2), plane.height.div_ceil(2), |x, y| {
+        let (x0, y0) = (2 * x, 2 * y);
+        let (x1, y1) = ((x0 + 1).min(plane.width - 1), (y0 + 1).min(plane.height - 1));
+        0.25 * (smooth[(x0, y0)] + smooth[(x1, y0)] + smooth[(x0, y1)] + smooth[(x1, y1)])
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blur_keeps_constants_and_widens_an_impulse_by_sigma() {
+        let flat = Plane::filled(20, 20, 7.0f32);
+        assert!(gaussian(&flat, 2.0).data.iter().all(|v| (v - 7.0).abs() < 1e-4));
+        let mut impulse = Plane::filled(41, 41, 0.0f32);
+        impulse[(20, 20)] = 1.0;
+        let g = gaussian(&impulse, 2.0);
+        let variance: f32 = (0..41)
+            .flat_map(|y| (0..41).map(move |x| (x, y)))
+            .map(|(x, y)| g[(x, y)] * (x as f32 - 20.0).powi(2))
+            .sum();
+        assert!((variance - 4.0).abs() < 0.15, "{variance}");
+    }
+
+    #[test]
+    fn gradients_are_exact_on_a_ramp_and_normalised_blur_ignores_the_unknown() {
+        let ramp = Plane::from_fn(16, 12, |x, y| 3.0 * x as f32 - 2.0 * y as f32);
+        let (gx, gy) = gradients(&ramp);
+        assert!((gx[(8, 6)] - 3.0).abs() < 1e-4 && (gy[(8, 6)] + 2.0).abs() < 1e-4);
+        let plane = Plane::from_fn(16, 12, |x, _| if x < 8 { 5.0 } else { 100.0 });
+        let known = plane.map(|&v| if v < 50.0 { 1.0 } else { 0.0 });
+        assert!((gaussian_where(&plane, &known, 2.0)[(7, 6)] - 5.0).abs() < 1e-4);
+    }
+}
