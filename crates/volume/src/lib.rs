@@ -1,1 +1,7 @@
 //! Hull carving, line and velocity fields, diffusion and sampling.
+
+pub mod velocity;
+pub mod tensor;
+pub mod visibility;
+pub mod carve;
+pub mod silhouette;
