@@ -1,1 +1,19 @@
 //! Strand springs, implicit Euler, exact adjoint, bound-constrained fit and warp.
+
+pub mod eq2;
+pub mod warp;
+
+pub mod altitude;
+pub mod band;
+pub mod lanes;
+#[cfg(target_arch = "x86_64")]
+pub mod lanes_x86;
+pub mod params;
+pub mod rest;
+pub mod step;
+pub mod system;
+
+pub use params::Params;
+pub use rest::RestShape;
+pub use step::{Forces, GRAVITY, Model, State, Workspace, step};
+pub use system::Jacobian;
