@@ -1,8 +1,22 @@
 //! Stage 6: sparse undirected 3D lines from orientation maps of three or more views.
+//!
+//! An orientation at a pixel spans a plane with the camera's centre; the line d that lies in all planes of a voxel
+//! minimises Σ w (n·d)². Reference: Wei et al. 2005; Zhang et al. 2012, section 4.
+//!
+//! Deviation (robust mode): the paper takes voxels on the hull's surface. The hull is larger than the hair wherever the
+//! hair is concave (on rendered captures the hair lies 6 mm behind it in the median), so a band behind the surface is
+//! examined and a voxel takes part wherever three views agree on a line; and one wrong view does not spoil a line,
+//! because the line is chosen among the intersections of all pairs of planes before it is refined.
 
 use glam::Vec3;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use strandflow_core::{Mask, Occupancy, Report, Rig, SparseVoxels};
+use strandflow_core::{Camera, Mask, Occupancy, Place, Plane, Report, Rig, SparseVoxels};
+use strandflow_geometry::project::{plane_normal, project};
+use strandflow_volume::{
+    tensor::Tensor,
+    visibility::{DepthMap, surface_voxels},
+};
 
 use crate::{Mode, SettingViolation, StageError, orient::OrientationMap};
 
@@ -34,16 +48,51 @@ pub struct LiftInput<'a> {
 }
 
 /// Settings of stage `lift`.
-#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct LiftSettings {}
+pub struct LiftSettings {
+    /// How far behind the hull's first surface a voxel may lie and still count as seen by a view \[voxels\], paper mode.
+    pub surface_voxels: f64,
+    /// The same in robust mode \[mm\]: how deep the hair may lie behind the hull.
+    pub band_mm: f64,
+    /// Orientations below this confidence are ignored.
+    pub min_confidence: f32,
+    /// Largest root mean square angle between a line and its planes \[degrees\].
+    pub max_residual_deg: f32,
+    /// Smallest middle eigenvalue of the mean of n nᵀ: how much the planes must differ.
+    pub min_gap: f32,
+}
+
+impl Default for LiftSettings {
+    fn default() -> Self {
+        Self { surface_voxels: 1.5, band_mm: 16.0, min_confidence: 0.1, max_residual_deg: 10.0, min_gap: 0.06 }
+    }
+}
 
 impl LiftSettings {
     /// All violations.
     pub fn check(&self) -> Vec<SettingViolation> {
-        Vec::new()
+        let mut found = Vec::new();
+        let mut unless = |ok, field: &str, value: f64, range: &str, reason: &str| {
+            SettingViolation::unless(ok, &mut found, (field, value), (range, reason));
+        };
+        let (c, r, g) = (f64::from(self.min_confidence), f64::from(self.max_residual_deg), f64::from(self.min_gap));
+        let s = self.surface_voxels;
+        unless((0.5..=20.0).contains(&s), "lift.surface_voxels", s, "0.5..=20", "depth maps are right to half a voxel");
+        unless((0.0..=100.0).contains(&self.band_mm), "lift.band_mm", self.band_mm, "0..=100", "a head is 200 mm wide");
+        unless((0.0..1.0).contains(&c), "lift.min_confidence", c, "0..1", "confidences lie between 0 and 1");
+        unless((0.1..=45.0).contains(&r), "lift.max_residual_deg", r, "0.1..=45", "random planes meet at 33°");
+        unless((0.0..=0.5).contains(&g), "lift.min_gap", g, "0..=0.5", "the middle of three that sum to 1");
+        found
     }
 }
+
+/// Planes that miss a line by more than this do not speak for it (sine of 15°: twice a good orientation error of 7°).
+const INLIER_SINE: f32 = 0.26;
+/// Two planes closer than this have no usable intersection (sine of 12°).
+const PAIR_SINE: f32 = 0.2;
+/// Most views that are weighed for one voxel.
+const MAX_VIEWS: usize = 32;
 
 /// The lines that three or more views agree on.
 pub fn lift(
@@ -52,5 +101,173 @@ pub fn lift(
     settings: &LiftSettings,
     report: &mut Report,
 ) -> Result<SparseVoxels<Line>, StageError> {
-    unimplemented!()
+    let grid = input.hull.grid;
+    let surface = surface_voxels(input.hull);
+    let views: Vec<View> = (0..input.rig.view_count()).into_par_iter().map(|v| View::new(input, &surface, v)).collect();
+    let lifter = Lifter { views, mode, settings, band_mm: band_mm(mode, settings, grid.voxel_mm) };
+
+    let candidates: Vec<u32> = input.hull.indices().map(|index| index as u32).collect();
+    let found: Vec<(u32, Line)> = candidates
+        .par_iter()
+        .with_min_len(1024)
+        .filter_map(|&voxel| Some((voxel, lifter.line_at(grid.centre_of_index(voxel as usize))?)))
+        .collect();
+    if found.is_empty() {
+        let fact = "no voxel has a line on which three views agree";
+        report.warn(Place::frame(input.frame), fact, "the field of this frame rests on the scalp alone");
+    }
+    let (indices, values) = found.into_iter().unzip();
+    Ok(SparseVoxels { grid, indices, values })
+}
+
+fn band_mm(mode: Mode, settings: &LiftSettings, voxel_mm: f64) -> f32 {
+    match mode {
+        Mode::Paper => (settings.surface_voxels * voxel_mm) as f32,
+        Mode::Robust => settings.band_mm as f32,
+    }
+}
+
+/// One view: its planes, and what it sees of the hull.
+struct View<'a> {
+    camera: &'a Camera,
+    /// Unit plane normal, zero where there is no orientation; and its confidence.
+    planes: Plane<(Vec3, f32)>,
+    depth: DepthMap,
+}
+
+impl<'a> View<'a> {
+    fn new(input: &LiftInput<'a>, surface: &[u32], view: usize) -> Self {
+        let (camera, map, hair) = (&input.rig.cameras[view], input.maps[view], input.hairs[view]);
+        let planes = Plane::from_fn(camera.width, camera.height, |x, y| {
+            let confidence = map.confidence[(x, y)];
+            if hair[(x, y)] < 128 || confidence <= 0.0 || !confidence.is_finite() {
+                return (Vec3::ZERO, 0.0);
+            }
+            let pixel = glam::DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+            let direction = glam::DVec2::from_angle(f64::from(map.angle[(x, y)]));
+            (plane_normal(camera, pixel, direction).as_vec3(), confidence)
+        });
+        Self { camera, planes, depth: DepthMap::of_voxels(camera, &input.hull.grid, surface) }
+    }
+}
+
+/// What a view says about a point: a plane, its weight, and how far the point lies behind the hull in this view \[mm\].
+#[derive(Clone, Copy)]
+struct Vote {
+    normal: Vec3,
+    towards_camera: Vec3,
+    weight: f32,
+    confidence: f32,
+}
+
+struct Lifter<'a> {
+    views: Vec<View<'a>>,
+    mode: Mode,
+    settings: &'a LiftSettings,
+    band_mm: f32,
+}
+
+impl Lifter<'_> {
+    fn line_at(&self, point: glam::DVec3) -> Option<Line> {
+        let mut votes = [None; MAX_VIEWS];
+        let mut count = 0;
+        for view in self.views.iter().take(MAX_VIEWS) {
+            if let Some(vote) = self.vote(view, point) {
+                votes[count] = Some(vote);
+                count += 1;
+            }
+        }
+        let mut list = [Vote { normal: Vec3::ZERO, towards_camera: Vec3::ZERO, weight: 0.0, confidence: 0.0 }; MAX_VIEWS];
+        votes.iter().flatten().zip(&mut list).for_each(|(vote, slot)| *slot = *vote);
+        let votes = &list[..count];
+        (count >= 3).then_some(())?;
+        match self.mode {
+            Mode::Paper => self.accept(votes, least_squares(votes, |_| 1.0)?),
+            Mode::Robust => {
+                let mut line = best_intersection(votes)?;
+                for _ in 0..2 {
+                    line = least_squares(votes, |vote| robust_weight(vote, line))?;
+                }
+                self.accept(votes, line)
+            }
+        }
+    }
+
+    /// What one view says: nothing where the point is hidden, out of view, off the hair or has no sure orientation.
+    fn vote(&self, view: &View, point: glam::DVec3) -> Option<Vote> {
+        let pixel = project(view.camera, point)?;
+        let &(normal, confidence) = view.planes.at_point(pixel.x, pixel.y)?;
+        (confidence >= self.settings.min_confidence).then_some(())?;
+        let behind = view.depth.behind(view.camera, point)?;
+        (behind <= self.band_mm).then_some(())?;
+        // A view that looks through more of the hull than others sees the surface at a more grazing angle.
+        let slant = match self.mode {
+            Mode::Paper => 1.0,
+            Mode::Robust => (4.0 / (4.0 + behind.max(0.0))).powi(2),
+        };
+        let towards_camera = (view.camera.centre_in_world() - point).normalize().as_vec3();
+        Some(Vote { normal, towards_camera, weight: confidence * slant, confidence })
+    }
+
+    /// The line with its figures, if enough planes speak for it.
+    fn accept(&self, votes: &[Vote], direction: Vec3) -> Option<Line> {
+        let inliers = votes.iter().filter(|vote| vote.normal.dot(direction).abs() < INLIER_SINE);
+        let (mut views, mut weight, mut squares, mut confidence) = (0, 0.0f32, 0.0f32, 0.0f32);
+        let mut spread = Tensor::default();
+        for vote in inliers {
+            views += 1;
+            weight += vote.weight;
+            squares += vote.weight * vote.normal.dot(direction).powi(2);
+            confidence += vote.weight * vote.confidence;
+            spread += Tensor::of_line(vote.normal) * vote.weight;
+        }
+        (views >= 3 && weight > 0.0).then_some(())?;
+        let residual = (squares / weight).sqrt().asin();
+        (residual <= self.settings.max_residual_deg.to_radians()).then_some(())?;
+        let gap = (spread * (1.0 / weight)).eigen()[1].0;
+        (gap >= self.settings.min_gap).then_some(())?;
+        // Sure orientations, small residual, planes well apart, and no loud dissent.
+        let all: f32 = votes.iter().map(|vote| vote.weight).sum();
+        let agreement = (-(residual / 0.12).powi(2)).exp();
+        let confidence = confidence / weight * agreement * (gap / 0.2).min(1.0).sqrt() * (weight / all);
+        Some(Line { direction, confidence: confidence.clamp(0.0, 1.0), residual, views })
+    }
+}
+
+/// The weight of a vote for a line: less where the line points at the camera (its image direction says little then) and
+/// where the plane misses it (Geman–McClure).
+fn robust_weight(vote: &Vote, line: Vec3) -> f32 {
+    let seen = 1.0 - vote.towards_camera.dot(line).powi(2);
+    let miss = vote.normal.dot(line) / (0.5 * INLIER_SINE);
+    seen / (1.0 + miss * miss).powi(2)
+}
+
+/// The direction that minimises Σ w (n·d)².
+fn least_squares(votes: &[Vote], factor: impl Fn(&Vote) -> f32) -> Option<Vec3> {
+    let mut sum = Tensor::default();
+    for vote in votes {
+        sum += Tensor::of_line(vote.normal) * (vote.weight * factor(vote));
+    }
+    let [.., (_, direction)] = sum.eigen();
+    direction.is_finite().then_some(direction)
+}
+
+/// The intersection of two planes on which most of the weight agrees: a medoid of real candidates.
+fn best_intersection(votes: &[Vote]) -> Option<Vec3> {
+    let mut best = (0.0, None);
+    for (i, a) in votes.iter().enumerate() {
+        for b in &votes[..i] {
+            let cross = a.normal.cross(b.normal);
+            let sine = cross.length();
+            if sine < PAIR_SINE {
+                continue;
+            }
+            let line = cross / sine;
+            let support: f32 = votes.iter().map(|vote| vote.weight * robust_weight(vote, line)).sum();
+            if support > best.0 {
+                best = (support, Some(line));
+            }
+        }
+    }
+    best.1
 }
