@@ -1,8 +1,23 @@
 //! Stage 7: the dense line field of the hair volume, diffused from the sparse lines as tensors.
+//!
+//! The hair volume lies between the scalp and the hull, where hair can be: a ray that shows skin meets no hair before the
+//! skin. Reference: Paris et al. 2008, section 5; Zhang et al. 2012, section 4.
 
-use glam::Vec3;
+use std::collections::VecDeque;
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use strandflow_core::{Mask, Occupancy, Report, Rig, RigidTransform, SparseVoxels, TriMesh};
+use strandflow_core::{Camera, Grid, Mask, Occupancy, Place, Plane, Report, Rig, RigidTransform, SparseVoxels, TriMesh};
+use strandflow_geometry::{
+    project::{depth, project},
+    signed_distance::SignedDistance,
+};
+use strandflow_volume::{
+    diffuse::{Constraint, Solver, diffuse},
+    tensor::Tensor,
+    visibility::{DepthMap, surface_voxels},
+};
 
 use crate::{Mode, SettingViolation, StageError, lift::Line};
 
@@ -36,14 +51,57 @@ pub struct FieldInput<'a> {
 }
 
 /// Settings of stage `field`.
-#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct FieldSettings {}
+pub struct FieldSettings {
+    /// Jacobi sweeps at full resolution, paper mode.
+    pub paper_sweeps: usize,
+    /// Resolutions of the solver.
+    pub levels: usize,
+    /// Sweeps at each resolution.
+    pub sweeps: usize,
+    /// Weight of a fully trusted line against one neighbouring voxel.
+    pub line_weight: f32,
+    /// Length over which evidence fades \[mm\].
+    pub fade_mm: f64,
+    /// Patches without hair smaller than this do not open the hair volume: markers and holes in masks \[mm²\].
+    pub bare_patch_mm2: f64,
+    /// How deep behind the hull a bare pixel opens the hair volume where no scalp is known \[mm\].
+    pub bare_depth_mm: f64,
+}
+
+impl Default for FieldSettings {
+    fn default() -> Self {
+        Self {
+            paper_sweeps: 300,
+            levels: 5,
+            sweeps: 8,
+            line_weight: 2.0,
+            fade_mm: 30.0,
+            bare_patch_mm2: 300.0,
+            bare_depth_mm: 10.0,
+        }
+    }
+}
 
 impl FieldSettings {
     /// All violations.
     pub fn check(&self) -> Vec<SettingViolation> {
-        Vec::new()
+        let mut found = Vec::new();
+        let mut unless = |ok, field: &str, value: f64, range: &str, reason: &str| {
+            SettingViolation::unless(ok, &mut found, (field, value), (range, reason));
+        };
+        let (paper, levels, sweeps) = (self.paper_sweeps as f64, self.levels as f64, self.sweeps as f64);
+        let weight = f64::from(self.line_weight);
+        let (patch, deep) = (self.bare_patch_mm2, self.bare_depth_mm);
+        unless((1.0..=1e5).contains(&paper), "field.paper_sweeps", paper, "1..=100000", "none leaves the field blank");
+        unless((1.0..=12.0).contains(&levels), "field.levels", levels, "1..=12", "each halves the resolution");
+        unless((1.0..=1e4).contains(&sweeps), "field.sweeps", sweeps, "1..=10000", "none leaves the field coarse");
+        unless(weight > 0.0 && weight <= 1e6, "field.line_weight", weight, "above 0, to 1e6", "lines must count");
+        unless((2.0..=1e4).contains(&self.fade_mm), "field.fade_mm", self.fade_mm, "2..=10000", "of the order of a head");
+        unless((0.0..=1e5).contains(&patch), "field.bare_patch_mm2", patch, "0..=100000", "an area on the head");
+        unless((0.0..=500.0).contains(&deep), "field.bare_depth_mm", deep, "0..=500", "a depth inside the head");
+        found
     }
 }
 
@@ -54,5 +112,177 @@ pub fn field(
     settings: &FieldSettings,
     report: &mut Report,
 ) -> Result<SparseVoxels<FieldVoxel>, StageError> {
-    unimplemented!()
+    let grid = input.hull.grid;
+    let head = Head::new(input);
+    let indices = hair_volume(input, &head, settings);
+    if indices.is_empty() {
+        return Err(StageError::Input {
+            place: Place::frame(input.frame),
+            fact: "no hair volume between scalp and hull".into(),
+            hint: "check the hair masks, the scalp and the head pose of this frame".into(),
+        });
+    }
+    if input.lines.is_empty() {
+        let fact = "no observed line";
+        report.warn(Place::frame(input.frame), fact, "the field has no direction; no strand will grow");
+    }
+
+    let weight = |line: &Line| match mode {
+        Mode::Paper => 1e6,
+        Mode::Robust => settings.line_weight * line.confidence,
+    };
+    let observed: Vec<Option<&Line>> = indices.par_iter().map(|&index| input.lines.get(index as usize)).collect();
+    let constraint = |line: &Option<&Line>| {
+        line.map_or(Constraint::default(), |line| Constraint {
+            tensor: Tensor::of_line(line.direction),
+            weight: weight(line),
+        })
+    };
+    let constraints: Vec<Constraint> = observed.iter().map(constraint).collect();
+    let tensors = diffuse(&grid, &indices, &constraints, &solver(mode, settings, grid.voxel_mm));
+    let values = tensors.par_iter().zip(&observed).map(|(tensor, line)| voxel(tensor, line.is_some())).collect();
+    Ok(SparseVoxels { grid, indices, values })
+}
+
+fn solver(mode: Mode, settings: &FieldSettings, voxel_mm: f64) -> Solver {
+    match mode {
+        Mode::Paper => Solver { levels: 1, sweeps: settings.paper_sweeps, relaxation: 1.0, leak: 0.0 },
+        Mode::Robust => Solver {
+            levels: settings.levels,
+            sweeps: settings.sweeps,
+            relaxation: 1.5,
+            leak: (voxel_mm / settings.fade_mm).powi(2) as f32,
+        },
+    }
+}
+
+/// Direction and trust of a diffused tensor; a voxel that nothing reached has no direction.
+fn voxel(tensor: &Tensor, observed: bool) -> FieldVoxel {
+    let reach = tensor.trace().clamp(0.0, 1.0);
+    if reach < 1e-9 {
+        return FieldVoxel::default();
+    }
+    let normalised = *tensor * (1.0 / tensor.trace());
+    let (direction, purity) = normalised.principal(normalised.rough_direction());
+    FieldVoxel { direction, trust: purity * reach, observed }
+}
+
+/// The scalp in head space as a distance field.
+struct Head {
+    distance: SignedDistance,
+    head_from_world: RigidTransform,
+}
+
+impl Head {
+    fn new(input: &FieldInput) -> Self {
+        let voxel_mm = input.hull.grid.voxel_mm.max(2.0);
+        let distance = SignedDistance::from_mesh(input.scalp, voxel_mm, 4.0 * voxel_mm);
+        Self { distance, head_from_world: input.world_from_head.inverse() }
+    }
+
+    fn signed_distance(&self, point_in_world: DVec3) -> f64 {
+        self.distance.distance(self.head_from_world.point(point_in_world))
+    }
+}
+
+/// The voxels of the hull outside the scalp in which hair can be, rising. The layer of one voxel below the scalp stays:
+/// roots lie on the surface and need a field on both sides.
+fn hair_volume(input: &FieldInput, head: &Head, settings: &FieldSettings) -> Vec<u32> {
+    let grid = input.hull.grid;
+    let hull: Vec<u32> = input.hull.indices().map(|index| index as u32).collect();
+    let distances: Vec<f32> =
+        hull.par_iter().map(|&voxel| head.signed_distance(grid.centre_of_index(voxel as usize)) as f32).collect();
+    let inside_head: Vec<u32> = hull.iter().zip(&distances).filter(|&(_, &d)| d < 0.0).map(|(&v, _)| v).collect();
+    let skin = surface_of(&grid, &inside_head);
+    let outside = surface_voxels(input.hull);
+    let windows: Vec<BareView> = (0..input.rig.view_count())
+        .into_par_iter()
+        .map(|view| BareView::new(&input.rig.cameras[view], input.hairs[view], &grid, [&outside, &skin], settings))
+        .collect();
+    let below = -grid.voxel_mm as f32;
+    hull.par_iter()
+        .zip(&distances)
+        .filter(|&(&voxel, &distance)| {
+            let point = grid.centre_of_index(voxel as usize);
+            distance > below && !(distance > 0.0 && windows.iter().any(|window| window.shows_no_hair_at(point, settings)))
+        })
+        .map(|(&voxel, _)| voxel)
+        .collect()
+}
+
+fn surface_of(grid: &Grid, voxels: &[u32]) -> Vec<u32> {
+    let mut occupancy = Occupancy::empty(*grid);
+    voxels.iter().for_each(|&voxel| occupancy.set(voxel as usize, true));
+    surface_voxels(&occupancy)
+}
+
+/// A view in which some pixels of the subject show no hair: skin, mostly.
+struct BareView<'a> {
+    camera: &'a Camera,
+    bare: Plane<bool>,
+    hull: DepthMap,
+    skin: DepthMap,
+}
+
+impl<'a> BareView<'a> {
+    fn new(
+        camera: &'a Camera,
+        hair: &Mask,
+        grid: &Grid,
+        [outside, skin]: [&[u32]; 2],
+        settings: &FieldSettings,
+    ) -> Self {
+        let hull = DepthMap::of_voxels(camera, grid, outside);
+        let skin = DepthMap::of_voxels(camera, grid, skin);
+        let bare = Plane::from_fn(camera.width, camera.height, |x, y| {
+            hair[(x, y)] < 128 && hull.depth[(x, y)].is_finite()
+        });
+        let distance = depth(camera, grid.centre(grid.dims.map(|n| n / 2))).max(1.0);
+        let least_pixels = settings.bare_patch_mm2 * (camera.focal[0] / distance).powi(2);
+        Self { camera, bare: without_small_patches(bare, least_pixels as usize), hull, skin }
+    }
+
+    /// Whether a bare pixel sees through this point to the skin; where no skin is known, whether the point lies close
+    /// behind the hull. The pixel's neighbours must be bare too: masks are right to a pixel.
+    fn shows_no_hair_at(&self, point: DVec3, settings: &FieldSettings) -> bool {
+        let Some(pixel) = project(self.camera, point) else { return false };
+        let bare = |du: f64, dv: f64| self.bare.at_point(pixel.x + du, pixel.y + dv).is_some_and(|&bare| bare);
+        if ![(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)].iter().all(|&(du, dv)| bare(du, dv)) {
+            return false;
+        }
+        let behind_skin = self.skin.behind(self.camera, point);
+        let behind_hull = self.hull.behind(self.camera, point);
+        match behind_skin {
+            Some(behind) => behind < 0.0,
+            None => behind_hull.is_some_and(|behind| f64::from(behind) < settings.bare_depth_mm),
+        }
+    }
+}
+
+/// Clears 4-connected patches of fewer than `least_pixels` pixels.
+fn without_small_patches(mut map: Plane<bool>, least_pixels: usize) -> Plane<bool> {
+    let (width, height) = (map.width, map.height);
+    let mut seen = vec![false; map.data.len()];
+    for start in 0..map.data.len() {
+        if seen[start] || !map.data[start] {
+            continue;
+        }
+        let (mut patch, mut queue) = (Vec::new(), VecDeque::from([start]));
+        seen[start] = true;
+        while let Some(at) = queue.pop_front() {
+            patch.push(at);
+            let (x, y) = (at % width, at / width);
+            let near = [(x > 0, -1), (x + 1 < width, 1), (y > 0, -(width as isize)), (y + 1 < height, width as isize)];
+            for next in near.iter().filter(|(inside, _)| *inside).map(|&(_, step)| at.wrapping_add_signed(step)) {
+                if map.data[next] && !seen[next] {
+                    seen[next] = true;
+                    queue.push_back(next);
+                }
+            }
+        }
+        if patch.len() < least_pixels {
+            patch.iter().for_each(|&at| map.data[at] = false);
+        }
+    }
+    map
 }

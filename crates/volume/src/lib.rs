@@ -5,3 +5,4 @@ pub mod tensor;
 pub mod visibility;
 pub mod carve;
 pub mod silhouette;
+pub mod diffuse;
