@@ -5,6 +5,7 @@ pub mod warp;
 
 pub mod altitude;
 pub mod band;
+pub mod kernels;
 pub mod lanes;
 #[cfg(target_arch = "x86_64")]
 pub mod lanes_x86;
@@ -12,6 +13,7 @@ pub mod params;
 pub mod rest;
 pub mod step;
 pub mod system;
+pub mod window;
 
 pub use params::Params;
 pub use rest::RestShape;

@@ -131,13 +131,13 @@ pub fn step(
     }
     // Known velocities first, then the free ones.
     for i in 0..fixed {
-        v[i] = ((targets[i] - state.x[i]) / dt).to_array();
+        q[i] = ((targets[i] - state.x[i]) / dt).to_array();
     }
-    system::condense(a, fixed, v, q);
+    system::condense(a, fixed, q);
     band::factor(a, fixed);
     band::solve(a, fixed, q);
     for i in 0..n {
-        state.v[i] = DVec3::from_array(if i < fixed { v[i] } else { q[i] });
+        state.v[i] = DVec3::from_array(q[i]);
         state.x[i] = if i < fixed { targets[i] } else { state.x[i] + dt * state.v[i] };
     }
 }

@@ -193,13 +193,14 @@ fn outer<R: Lanes>(a: &[[V3<R>; 3]; 7], b: &[[V3<R>; 3]; 7], row: usize, col: us
     m
 }
 
-/// Moves what the known velocities of the kinematic particles contribute to the right-hand side.
+/// Moves what the known velocities of the kinematic particles (the first entries of `q`) contribute to the free
+/// particles' right-hand side.
 #[inline(always)]
-pub fn condense<R: Lanes>(a: &[BlockRow<R>], kinematic: usize, v1: &[V3<R>], q: &mut [V3<R>]) {
+pub fn condense<R: Lanes>(a: &[BlockRow<R>], kinematic: usize, q: &mut [V3<R>]) {
     for i in kinematic..(kinematic + 3).min(a.len()) {
         for d in 1..4 {
             if i >= d && i - d < kinematic {
-                let (block, w) = (&a[i][d], v1[i - d]);
+                let (block, w) = (&a[i][d], q[i - d]);
                 for r in 0..3 {
                     q[i][r] -= block[3 * r].mul_add(w[0], block[3 * r + 1].mul_add(w[1], block[3 * r + 2] * w[2]));
                 }

@@ -1,0 +1,114 @@
+//! The kernels compiled for each instruction set, and the choice among them at run time.
+
+use crate::{
+    lanes::{Lanes, Portable, V3},
+    params::LaneParams,
+    rest::LaneRest,
+    system::StepConstants,
+    window::{self, WindowInput, WindowWorkspace},
+};
+
+/// The heavy functions of a lane type, each compiled with the instructions of that type.
+pub trait Kernels: Lanes {
+    /// [`window::simulate`].
+    fn simulate(input: &WindowInput<Self>, workspace: &mut WindowWorkspace<Self>);
+    /// [`window::evaluate`].
+    fn evaluate(input: &WindowInput<Self>, workspace: &mut WindowWorkspace<Self>);
+    /// [`window::relax`].
+    fn relax(
+        rest: &LaneRest<Self>,
+        params: &LaneParams<Self>,
+        constants: &StepConstants<Self>,
+        iterations: usize,
+        positions: (&[V3<Self>], &mut [V3<Self>]),
+        workspace: &mut WindowWorkspace<Self>,
+    );
+}
+
+macro_rules! kernels {
+    ($lanes:ty $(, $feature:literal)?) => {
+        impl Kernels for $lanes {
+            fn simulate(input: &WindowInput<Self>, workspace: &mut WindowWorkspace<Self>) {
+                $(#[target_feature(enable = $feature)])?
+                unsafe fn run(input: &WindowInput<$lanes>, workspace: &mut WindowWorkspace<$lanes>) {
+                    window::simulate(input, workspace);
+                }
+                // SAFETY: values of this lane type exist only where the processor has its instructions.
+                unsafe { run(input, workspace) }
+            }
+            fn evaluate(input: &WindowInput<Self>, workspace: &mut WindowWorkspace<Self>) {
+                $(#[target_feature(enable = $feature)])?
+                unsafe fn run(input: &WindowInput<$lanes>, workspace: &mut WindowWorkspace<$lanes>) {
+                    window::evaluate(input, workspace);
+                }
+                // SAFETY: as above.
+                unsafe { run(input, workspace) }
+            }
+            fn relax(
+                rest: &LaneRest<Self>,
+                params: &LaneParams<Self>,
+                constants: &StepConstants<Self>,
+                iterations: usize,
+                positions: (&[V3<Self>], &mut [V3<Self>]),
+                workspace: &mut WindowWorkspace<Self>,
+            ) {
+                $(#[target_feature(enable = $feature)])?
+                unsafe fn run(
+                    rest: &LaneRest<$lanes>,
+                    params: &LaneParams<$lanes>,
+                    constants: &StepConstants<$lanes>,
+                    iterations: usize,
+                    (x_tilde, x): (&[V3<$lanes>], &mut [V3<$lanes>]),
+                    workspace: &mut WindowWorkspace<$lanes>,
+                ) {
+                    window::relax(rest, params, constants, iterations, x_tilde, x, workspace);
+                }
+                // SAFETY: as above.
+                unsafe { run(rest, params, constants, iterations, positions, workspace) }
+            }
+        }
+    };
+}
+
+kernels!(f64);
+kernels!(Portable);
+#[cfg(target_arch = "x86_64")]
+kernels!(crate::lanes_x86::F32x16, "avx512f,avx512dq,avx512vl,avx2,fma");
+#[cfg(target_arch = "x86_64")]
+kernels!(crate::lanes_x86::F32x8, "avx2,fma");
+
+/// Work that can run on any lane type.
+pub trait LaneTask {
+    /// What it gives.
+    type Output;
+    /// Runs it on this lane type.
+    fn run<R: Kernels>(self) -> Self::Output;
+}
+
+/// Runs a task on the widest lanes of this processor. The same machine always takes the same.
+pub fn on_widest_lanes<T: LaneTask>(task: T) -> T::Output {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use crate::lanes_x86::{F32x8, F32x16};
+        use std::arch::is_x86_feature_detected as has;
+        if has!("avx512f") && has!("avx512dq") && has!("avx512vl") && has!("fma") {
+            return task.run::<F32x16>();
+        }
+        if has!("avx2") && has!("fma") {
+            return task.run::<F32x8>();
+        }
+    }
+    task.run::<Portable>()
+}
+
+/// Lanes of [`on_widest_lanes`].
+pub fn widest_lane_count() -> usize {
+    struct Count;
+    impl LaneTask for Count {
+        type Output = usize;
+        fn run<R: Kernels>(self) -> usize {
+            R::COUNT
+        }
+    }
+    on_widest_lanes(Count)
+}
