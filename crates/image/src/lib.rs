@@ -1,8 +1,12 @@
 //! Filters, orientation maps, robust optical flow and mattes.
 
+pub mod appearance;
 pub mod colour;
 pub mod filter;
+pub mod flow;
 pub mod gabor;
+pub mod matte;
+pub mod morph;
 pub mod pool;
 pub mod region;
 pub mod sample;
