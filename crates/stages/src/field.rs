@@ -8,7 +8,9 @@ use std::collections::VecDeque;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use strandflow_core::{Camera, Grid, Mask, Occupancy, Place, Plane, Report, Rig, RigidTransform, SparseVoxels, TriMesh};
+use strandflow_core::{
+    Camera, Grid, Mask, Occupancy, Place, Plane, Report, Rig, RigidTransform, SparseVoxels, TriMesh,
+};
 use strandflow_geometry::{
     project::{depth, project},
     signed_distance::SignedDistance,
@@ -98,7 +100,13 @@ impl FieldSettings {
         unless((1.0..=12.0).contains(&levels), "field.levels", levels, "1..=12", "each halves the resolution");
         unless((1.0..=1e4).contains(&sweeps), "field.sweeps", sweeps, "1..=10000", "none leaves the field coarse");
         unless(weight > 0.0 && weight <= 1e6, "field.line_weight", weight, "above 0, to 1e6", "lines must count");
-        unless((2.0..=1e4).contains(&self.fade_mm), "field.fade_mm", self.fade_mm, "2..=10000", "of the order of a head");
+        unless(
+            (2.0..=1e4).contains(&self.fade_mm),
+            "field.fade_mm",
+            self.fade_mm,
+            "2..=10000",
+            "of the order of a head",
+        );
         unless((0.0..=1e5).contains(&patch), "field.bare_patch_mm2", patch, "0..=100000", "an area on the head");
         unless((0.0..=500.0).contains(&deep), "field.bare_depth_mm", deep, "0..=500", "a depth inside the head");
         found
@@ -204,7 +212,8 @@ fn hair_volume(input: &FieldInput, head: &Head, settings: &FieldSettings) -> Vec
         .zip(&distances)
         .filter(|&(&voxel, &distance)| {
             let point = grid.centre_of_index(voxel as usize);
-            distance > below && !(distance > 0.0 && windows.iter().any(|window| window.shows_no_hair_at(point, settings)))
+            distance > below
+                && !(distance > 0.0 && windows.iter().any(|window| window.shows_no_hair_at(point, settings)))
         })
         .map(|(&voxel, _)| voxel)
         .collect()
@@ -234,9 +243,8 @@ impl<'a> BareView<'a> {
     ) -> Self {
         let hull = DepthMap::of_voxels(camera, grid, outside);
         let skin = DepthMap::of_voxels(camera, grid, skin);
-        let bare = Plane::from_fn(camera.width, camera.height, |x, y| {
-            hair[(x, y)] < 128 && hull.depth[(x, y)].is_finite()
-        });
+        let bare =
+            Plane::from_fn(camera.width, camera.height, |x, y| hair[(x, y)] < 128 && hull.depth[(x, y)].is_finite());
         let distance = depth(camera, grid.centre(grid.dims.map(|n| n / 2))).max(1.0);
         let least_pixels = settings.bare_patch_mm2 * (camera.focal[0] / distance).powi(2);
         Self { camera, bare: without_small_patches(bare, least_pixels as usize), hull, skin }

@@ -1,8 +1,14 @@
 //! Stage 8: strands grown from the roots through the line field.
+//!
+//! From each root a strand follows the field's lines in steps of second order; the tensors d dᵀ are interpolated, not the
+//! vectors, so that opposite signs of one line do not cancel. A line has two directions: the one of smaller angle to the
+//! previous step is taken. Reference: Paris et al. 2008, section 6; Zhang et al. 2012, section 4.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use strandflow_core::{Report, RigidTransform, SparseVoxels, Strands};
+use strandflow_core::{Place, Provenance, Report, RigidTransform, SparseVoxels, Strands};
+use strandflow_volume::{tensor::Tensor, velocity::VoxelIndex};
 
 use crate::{Mode, SettingViolation, StageError, field::FieldVoxel};
 
@@ -30,18 +36,60 @@ pub struct GrowSettings {
     pub step_mm: f64,
     /// Longest strand \[mm\].
     pub max_length_mm: f64,
+    /// Shortest strand that is kept \[mm\].
+    pub min_length_mm: f64,
+    /// How far a strand may run outside the hair volume before it ends \[mm\], robust mode; that piece is cut off again.
+    pub gap_mm: f64,
+    /// Least agreement of the lines around a point, 0 to 1, at which a strand goes on.
+    pub min_purity: f32,
+    /// Sharpest turn in one step \[degrees\].
+    pub max_turn_deg: f32,
+    /// How much of the previous direction enters the next one, 0 to below 1, robust mode.
+    pub inertia: f32,
+    /// Length over which a strand turns from the scalp's normal into the field \[mm\], robust mode.
+    pub root_mm: f32,
 }
 
 impl Default for GrowSettings {
     fn default() -> Self {
-        Self { step_mm: 2.0, max_length_mm: 600.0 }
+        Self {
+            step_mm: 2.0,
+            max_length_mm: 600.0,
+            min_length_mm: 20.0,
+            gap_mm: 6.0,
+            min_purity: 0.15,
+            max_turn_deg: 40.0,
+            inertia: 0.3,
+            root_mm: 6.0,
+        }
     }
 }
 
 impl GrowSettings {
     /// All violations.
     pub fn check(&self) -> Vec<SettingViolation> {
-        Vec::new()
+        let mut found = Vec::new();
+        let mut unless = |ok, field: &str, value: f64, range: &str, reason: &str| {
+            SettingViolation::unless(ok, &mut found, (field, value), (range, reason));
+        };
+        let [purity, turn, inertia, root] =
+            [self.min_purity, self.max_turn_deg, self.inertia, self.root_mm].map(f64::from);
+        let (step, longest, shortest) = (self.step_mm, self.max_length_mm, self.min_length_mm);
+        unless((0.1..=20.0).contains(&step), "grow.step_mm", step, "0.1..=20", "about a voxel");
+        unless((step..=5000.0).contains(&longest), "grow.max_length_mm", longest, "step_mm..=5000", "hair is shorter");
+        unless(
+            (0.0..=longest).contains(&shortest),
+            "grow.min_length_mm",
+            shortest,
+            "0..=max_length_mm",
+            "else none is left",
+        );
+        unless((0.0..=100.0).contains(&self.gap_mm), "grow.gap_mm", self.gap_mm, "0..=100", "a gap, not a strand");
+        unless((0.0..1.0).contains(&purity), "grow.min_purity", purity, "0..1", "1 is a pure line");
+        unless((1.0..=90.0).contains(&turn), "grow.max_turn_deg", turn, "1..=90", "beyond 90° a line turns back");
+        unless((0.0..1.0).contains(&inertia), "grow.inertia", inertia, "0..1", "1 never turns");
+        unless((0.0..=100.0).contains(&root), "grow.root_mm", root, "0..=100", "hair lies down within centimetres");
+        found
     }
 
     /// The most points a strand can have.
@@ -57,5 +105,166 @@ pub fn grow(
     settings: &GrowSettings,
     report: &mut Report,
 ) -> Result<Strands, StageError> {
-    unimplemented!()
+    check_input(input)?;
+    let field = LineField { values: &input.field.values, lookup: VoxelIndex::of_sparse(input.field) };
+    let grower = Grower { field, mode, settings, down: input.gravity.as_vec3().normalize_or_zero() };
+    let grown: Vec<Grown> = (0..input.roots.len())
+        .into_par_iter()
+        .map(|i| {
+            let root = input.world_from_head.point(input.roots[i]).as_vec3();
+            let normal = input.world_from_head.vector(input.normals[i]).as_vec3().normalize_or_zero();
+            grower.grow(root, normal)
+        })
+        .collect();
+    let mut strands = Strands::new();
+    grown.iter().for_each(|strand| strands.push(&strand.points, &strand.provenance, &strand.confidence));
+
+    let empty = grown.iter().filter(|strand| strand.points.is_empty()).count();
+    if 2 * empty > grown.len() {
+        let fact = format!("{empty} of {} roots grew no strand", grown.len());
+        report.warn(Place::frame(input.frame), fact, "most of the hair is missing in this frame");
+    }
+    Ok(strands)
+}
+
+fn check_input(input: &GrowInput) -> Result<(), StageError> {
+    let place = Place::frame(input.frame);
+    if input.roots.len() != input.normals.len() {
+        let fact = format!("{} roots but {} normals", input.roots.len(), input.normals.len());
+        return Err(StageError::Input { place, fact, hint: "run the scalp stage again".into() });
+    }
+    let strand = (0..input.roots.len()).find(|&i| !input.roots[i].is_finite() || !input.normals[i].is_finite());
+    match strand {
+        Some(_) => Err(StageError::NonFinite { place: Place { strand, ..place }, what: "a root or its normal".into() }),
+        None => Ok(()),
+    }
+}
+
+/// A strand while it grows.
+#[derive(Default)]
+struct Grown {
+    points: Vec<Vec3>,
+    provenance: Vec<Provenance>,
+    confidence: Vec<f32>,
+}
+
+impl Grown {
+    fn truncate(&mut self, len: usize) {
+        self.points.truncate(len);
+        self.provenance.truncate(len);
+        self.confidence.truncate(len);
+    }
+}
+
+/// What the field says at a point.
+struct Sample {
+    direction: Vec3,
+    purity: f32,
+    trust: f32,
+    observed: bool,
+}
+
+struct LineField<'a> {
+    values: &'a [FieldVoxel],
+    lookup: VoxelIndex,
+}
+
+impl LineField<'_> {
+    /// The interpolated line at a point, turned towards `previous`; `None` outside the hair volume.
+    fn at(&self, point: Vec3, previous: Vec3) -> Option<Sample> {
+        let c = self.lookup.grid.continuous(point.as_dvec3()) - 0.5;
+        let base = c.floor();
+        let f = (c - base).as_vec3();
+        let base = base.as_i64vec3();
+        let (mut sum, mut weight, mut trust, mut observed) = (Tensor::default(), 0.0, 0.0, 0.0);
+        for corner in 0..8i64 {
+            let [i, j, k] = [corner & 1, corner >> 1 & 1, corner >> 2];
+            let Some(rank) = self.lookup.rank_at([base.x + i, base.y + j, base.z + k]) else { continue };
+            let voxel = self.values[rank];
+            let side = |offset: i64, f: f32| if offset == 1 { f } else { 1.0 - f };
+            let share = side(i, f.x) * side(j, f.y) * side(k, f.z);
+            sum += Tensor::of_line(voxel.direction) * share;
+            weight += share;
+            trust += share * voxel.trust;
+            observed += if voxel.observed { share } else { 0.0 };
+        }
+        // Less than a third of the surrounding weight: outside.
+        (weight > 0.33 && sum.trace() > 1e-6).then_some(())?;
+        let normalised = sum * (1.0 / sum.trace());
+        let (line, purity) =
+            normalised.principal(previous.lerp(normalised.rough_direction(), 0.5).normalize_or(Vec3::X));
+        let direction = if line.dot(previous) < 0.0 { -line } else { line };
+        Some(Sample { direction, purity, trust: trust / weight, observed: observed > 0.5 * weight })
+    }
+}
+
+struct Grower<'a> {
+    field: LineField<'a>,
+    mode: Mode,
+    settings: &'a GrowSettings,
+    down: Vec3,
+}
+
+impl Grower<'_> {
+    fn grow(&self, root: Vec3, normal: Vec3) -> Grown {
+        let step = self.settings.step_mm as f32;
+        let gap_steps =
+            if self.mode == Mode::Robust { (self.settings.gap_mm / self.settings.step_mm) as usize } else { 0 };
+        let mut strand = Grown::default();
+        let (mut at, mut direction, mut outside) = (root, normal, 0usize);
+        while strand.points.len() < self.settings.max_points() {
+            let arc = strand.points.len() as f32 * step;
+            let sample = self.field.at(at, self.facing(direction, normal, arc));
+            let (provenance, confidence) = match &sample {
+                Some(sample) if sample.observed => (Provenance::Observed, sample.trust),
+                Some(sample) => (Provenance::Diffused, sample.trust),
+                None => (Provenance::Diffused, 0.0),
+            };
+            outside = if sample.is_some() { 0 } else { outside + 1 };
+            strand.points.push(at);
+            strand.provenance.push(provenance);
+            strand.confidence.push(confidence);
+            if outside > gap_steps.max(if arc < 4.0 * step { 3 } else { 0 }) {
+                break;
+            }
+            let Some(next) = self.next_direction(at, direction, normal, arc, sample) else { break };
+            direction = next;
+            at += direction * step;
+        }
+        // The piece beyond the last point inside was only a hope.
+        strand.truncate(strand.points.len() - outside);
+        if (strand.points.len() as f32 - 1.0) * step < self.settings.min_length_mm as f32 {
+            strand.truncate(0);
+        }
+        strand
+    }
+
+    /// The direction towards which a line is turned. Close to the root, where the normal is across the lines and does not
+    /// decide between their two ends, hair falls.
+    fn facing(&self, direction: Vec3, normal: Vec3, arc: f32) -> Vec3 {
+        if self.mode == Mode::Paper || arc > self.settings.root_mm {
+            return direction;
+        }
+        (direction + 0.5 * self.down.reject_from(normal)).normalize_or(direction)
+    }
+
+    /// The direction of the next step: the midpoint rule, blended with the previous direction.
+    fn next_direction(&self, at: Vec3, previous: Vec3, normal: Vec3, arc: f32, here: Option<Sample>) -> Option<Vec3> {
+        let Some(here) = here else { return Some(previous) };
+        let step = self.settings.step_mm as f32;
+        let facing = self.facing(previous, normal, arc);
+        let midpoint = self.field.at(at + here.direction * (0.5 * step), facing).unwrap_or(here);
+        let (root_mm, inertia) = match self.mode {
+            Mode::Paper => (step, 0.0),
+            Mode::Robust => (self.settings.root_mm, self.settings.inertia),
+        };
+        if arc < root_mm {
+            // From the normal into the field.
+            let s = (arc + step) / (root_mm + step);
+            return Some((normal * (1.0 - s) + midpoint.direction * s).normalize_or(normal));
+        }
+        (midpoint.purity >= self.settings.min_purity).then_some(())?;
+        (midpoint.direction.dot(previous) >= self.settings.max_turn_deg.to_radians().cos()).then_some(())?;
+        Some((midpoint.direction * (1.0 - inertia) + previous * inertia).normalize_or(previous))
+    }
 }

@@ -177,7 +177,8 @@ impl Lifter<'_> {
                 count += 1;
             }
         }
-        let mut list = [Vote { normal: Vec3::ZERO, towards_camera: Vec3::ZERO, weight: 0.0, confidence: 0.0 }; MAX_VIEWS];
+        let mut list =
+            [Vote { normal: Vec3::ZERO, towards_camera: Vec3::ZERO, weight: 0.0, confidence: 0.0 }; MAX_VIEWS];
         votes.iter().flatten().zip(&mut list).for_each(|(vote, slot)| *slot = *vote);
         let votes = &list[..count];
         (count >= 3).then_some(())?;

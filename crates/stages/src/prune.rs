@@ -1,7 +1,19 @@
 //! Stage 9: outliers by reprojection against the orientation maps, and by iterative weighting in the voxel field.
+//!
+//! A strand that lies on the surface must run along the orientations of the images that see it; and within a voxel strands
+//! run in one direction: each strand weighs as much as it agrees with the direction most common in its voxels, the
+//! direction of a voxel is the weighted mean of its strands, in turns. Reference: Zhang et al. 2012, section 4; Wang et
+//! al. 2009 (the weighting).
 
+use glam::Vec3;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use strandflow_core::{Grid, Occupancy, Report, Rig, Strands};
+use strandflow_core::{Camera, Grid, Occupancy, Place, Report, Rig, Strands};
+use strandflow_geometry::project::{project, project_direction};
+use strandflow_volume::{
+    tensor::Tensor,
+    visibility::{DepthMap, surface_voxels},
+};
 
 use crate::{Mode, SettingViolation, StageError, orient::OrientationMap};
 
@@ -29,16 +41,63 @@ pub struct Pruned {
 }
 
 /// Settings of stage `prune`.
-#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct PruneSettings {}
+pub struct PruneSettings {
+    /// How far behind the first surface a point counts as seen \[mm\].
+    pub visible_mm: f32,
+    /// Largest mean angle between a seen piece of a strand and the orientations under it \[degrees\].
+    pub max_error_deg: f32,
+    /// Length over which that mean is taken \[mm\]; a strand is cut where it begins to be too large.
+    pub window_mm: f32,
+    /// Turns of the weighting in the voxel field.
+    pub turns: usize,
+    /// Angle to the common direction at which a strand weighs half \[degrees\].
+    pub half_weight_deg: f32,
+    /// A strand below this mean weight is rejected, 0 to 1.
+    pub min_weight: f32,
+    /// Shortest strand that is kept \[mm\].
+    pub min_length_mm: f32,
+}
+
+impl Default for PruneSettings {
+    fn default() -> Self {
+        Self {
+            visible_mm: 6.0,
+            max_error_deg: 25.0,
+            window_mm: 30.0,
+            turns: 4,
+            half_weight_deg: 25.0,
+            min_weight: 0.35,
+            min_length_mm: 20.0,
+        }
+    }
+}
 
 impl PruneSettings {
     /// All violations.
     pub fn check(&self) -> Vec<SettingViolation> {
-        Vec::new()
+        let mut found = Vec::new();
+        let mut unless = |ok, field: &str, value: f32, range: &str, reason: &str| {
+            SettingViolation::unless(ok, &mut found, (field, value), (range, reason));
+        };
+        let (seen, error, window) = (self.visible_mm, self.max_error_deg, self.window_mm);
+        let (half, weight, shortest) = (self.half_weight_deg, self.min_weight, self.min_length_mm);
+        unless((0.0..=100.0).contains(&seen), "prune.visible_mm", seen, "0..=100", "a depth in the hair");
+        unless((1.0..=90.0).contains(&error), "prune.max_error_deg", error, "1..=90", "random lines differ by 45°");
+        unless((1.0..=1000.0).contains(&window), "prune.window_mm", window, "1..=1000", "a piece of a strand");
+        unless(self.turns <= 100, "prune.turns", self.turns as f32, "0..=100", "it settles within ten");
+        unless((1.0..=90.0).contains(&half), "prune.half_weight_deg", half, "1..=90", "lines differ by 90° at most");
+        unless((0.0..1.0).contains(&weight), "prune.min_weight", weight, "0..1", "weights lie between 0 and 1");
+        unless((0.0..=1000.0).contains(&shortest), "prune.min_length_mm", shortest, "0..=1000", "a length of hair");
+        found
     }
 }
+
+const KEPT: u8 = 0;
+const REPROJECTION: u8 = 1;
+const VOXEL_FIELD: u8 = 2;
+const SHORT: u8 = 3;
 
 /// The strands of one frame that survive both tests.
 pub fn prune(
@@ -47,5 +106,182 @@ pub fn prune(
     settings: &PruneSettings,
     report: &mut Report,
 ) -> Result<Pruned, StageError> {
-    unimplemented!()
+    let count = input.strands.strand_count();
+    let mut flags = vec![KEPT; count];
+    let mut lengths: Vec<usize> = (0..count).map(|n| input.strands.range(n).len()).collect();
+
+    let kept_by_images = against_images(input, mode, settings);
+    for (n, kept) in kept_by_images.into_iter().enumerate() {
+        if kept < lengths[n] {
+            (lengths[n], flags[n]) =
+                (kept, if too_short(input.strands, n, kept, settings) { REPROJECTION } else { KEPT });
+        }
+    }
+    for (n, flag) in flags.iter_mut().enumerate() {
+        if *flag == KEPT && too_short(input.strands, n, lengths[n], settings) {
+            *flag = SHORT;
+        }
+    }
+    against_voxel_field(input, settings, &lengths, &mut flags);
+
+    let strands = cut(input.strands, &lengths, &flags);
+    let kept = flags.iter().filter(|&&flag| flag == KEPT).count();
+    if 2 * kept < count {
+        let fact = format!("{kept} of {count} strands passed the outlier tests");
+        report.warn(Place::frame(input.frame), fact, "the others are completed from their neighbours in later stages");
+    }
+    Ok(Pruned { strands, flags })
+}
+
+fn too_short(strands: &Strands, n: usize, points: usize, settings: &PruneSettings) -> bool {
+    let start = strands.range(n).start;
+    strandflow_geometry::polyline::length(&strands.points[start..start + points]) < settings.min_length_mm || points < 2
+}
+
+/// How many points of each strand stand the comparison with the images, from the root on.
+fn against_images(input: &PruneInput, mode: Mode, settings: &PruneSettings) -> Vec<usize> {
+    let surface = surface_voxels(input.hull);
+    let grid = &input.hull.grid;
+    let depths: Vec<DepthMap> =
+        input.rig.cameras.par_iter().map(|c| first_depth(c, grid, &surface, input.strands)).collect();
+    let count_kept = |n: usize| {
+        let points = input.strands.strand(n);
+        let votes: Vec<(f32, f32)> = (0..points.len()).map(|i| error_at(input, &depths, points, i, settings)).collect();
+        match mode {
+            Mode::Paper => {
+                if mean(&votes) > settings.max_error_deg.to_radians() {
+                    0
+                } else {
+                    points.len()
+                }
+            }
+            Mode::Robust => good_until(points, &votes, settings),
+        }
+    };
+    (0..input.strands.strand_count()).into_par_iter().map(count_kept).collect()
+}
+
+/// The first surface of the strands themselves, where there are any; the hull is larger than the hair.
+fn first_depth(camera: &Camera, grid: &Grid, surface: &[u32], strands: &Strands) -> DepthMap {
+    let mut counts = std::collections::BTreeMap::<u32, u32>::new();
+    for point in &strands.points {
+        if let Some(voxel) = grid.voxel_at(point.as_dvec3()) {
+            *counts.entry(grid.index(voxel) as u32).or_default() += 1;
+        }
+    }
+    // A single strand does not hide what lies behind it.
+    let voxels: Vec<u32> = counts.into_iter().filter(|&(_, count)| count >= 2).map(|(voxel, _)| voxel).collect();
+    let mut map = DepthMap::of_voxels(camera, grid, &voxels);
+    let hull = DepthMap::of_voxels(camera, grid, surface);
+    for (depth, hull) in map.depth.data.iter_mut().zip(&hull.depth.data) {
+        if !depth.is_finite() {
+            *depth = *hull;
+        }
+    }
+    map
+}
+
+/// Weighted sum of the angles between a strand at one of its points and the orientations in the views that see it, and
+/// the sum of the weights.
+fn error_at(
+    input: &PruneInput,
+    depths: &[DepthMap],
+    points: &[Vec3],
+    i: usize,
+    settings: &PruneSettings,
+) -> (f32, f32) {
+    let tangent = tangent(points, i);
+    let point = points[i].as_dvec3();
+    let (mut sum, mut weight) = (0.0, 0.0);
+    for (view, camera) in input.rig.cameras.iter().enumerate() {
+        let Some(pixel) = project(camera, point) else { continue };
+        let Some(&confidence) = input.maps[view].confidence.at_point(pixel.x, pixel.y) else { continue };
+        let seen = depths[view].behind(camera, point).is_some_and(|behind| behind <= settings.visible_mm);
+        if confidence <= 0.0 || !seen {
+            continue;
+        }
+        let Some(direction) = project_direction(camera, point, tangent.as_dvec3()) else { continue };
+        let Some(&angle) = input.maps[view].angle.at_point(pixel.x, pixel.y) else { continue };
+        let towards = (camera.centre_in_world() - point).normalize().as_vec3();
+        let share = confidence * (1.0 - towards.dot(tangent).powi(2));
+        let cosine = direction.as_vec2().dot(glam::Vec2::from_angle(angle)).abs().min(1.0);
+        sum += share * cosine.acos();
+        weight += share;
+    }
+    (sum, weight)
+}
+
+fn tangent(points: &[Vec3], i: usize) -> Vec3 {
+    let (a, b) = (points[i.saturating_sub(1)], points[(i + 1).min(points.len() - 1)]);
+    (b - a).normalize_or(Vec3::Z)
+}
+
+fn mean(votes: &[(f32, f32)]) -> f32 {
+    let (sum, weight) = votes.iter().fold((0.0, 0.0), |(s, w), vote| (s + vote.0, w + vote.1));
+    if weight > 0.0 { sum / weight } else { 0.0 }
+}
+
+/// The number of points before the first window whose mean error is too large. Windows that are hardly seen pass.
+fn good_until(points: &[Vec3], votes: &[(f32, f32)], settings: &PruneSettings) -> usize {
+    let limit = settings.max_error_deg.to_radians();
+    let step = if points.len() > 1 { points[0].distance(points[1]).max(0.1) } else { 1.0 };
+    let window = ((settings.window_mm / step) as usize).max(1);
+    let bad = |i: &usize| {
+        let part = &votes[*i..(i + window).min(votes.len())];
+        let seen: f32 = part.iter().map(|vote| vote.1).sum();
+        seen > 0.25 * part.len() as f32 && mean(part) > limit
+    };
+    // The window's first points are those that entered it last.
+    (0..votes.len()).find(bad).map_or(points.len(), |i| i + window / 4)
+}
+
+/// Rejects the strands that keep disagreeing with the direction most common in their voxels.
+fn against_voxel_field(input: &PruneInput, settings: &PruneSettings, lengths: &[usize], flags: &mut [u8]) {
+    let grid = &input.hull.grid;
+    let strands = input.strands;
+    // (voxel, strand, tangent), sorted by voxel, then strand.
+    let mut entries: Vec<(u32, u32, Vec3)> = Vec::new();
+    for n in (0..strands.strand_count()).filter(|&n| flags[n] == KEPT) {
+        let points = &strands.strand(n)[..lengths[n]];
+        for (i, point) in points.iter().enumerate() {
+            if let Some(voxel) = grid.voxel_at(point.as_dvec3()) {
+                entries.push((grid.index(voxel) as u32, n as u32, tangent(points, i)));
+            }
+        }
+    }
+    entries.sort_by_key(|&(voxel, strand, _)| (voxel, strand));
+    let half = settings.half_weight_deg.to_radians().sin().powi(2);
+    let mut weights = vec![1.0f32; strands.strand_count()];
+    for _ in 0..settings.turns {
+        let (mut sums, mut counts) = (vec![0.0f32; weights.len()], vec![0u32; weights.len()]);
+        for voxel in entries.chunk_by(|a, b| a.0 == b.0) {
+            let mut field = Tensor::default();
+            voxel.iter().for_each(|&(_, n, d)| field += Tensor::of_line(d) * weights[n as usize]);
+            let (common, _) = field.principal(field.rough_direction());
+            for &(_, n, d) in voxel {
+                let sine_squared = 1.0 - common.dot(d).powi(2);
+                sums[n as usize] += 1.0 / (1.0 + sine_squared / half);
+                counts[n as usize] += 1;
+            }
+        }
+        for (weight, (sum, count)) in weights.iter_mut().zip(sums.iter().zip(&counts)) {
+            *weight = if *count > 0 { sum / *count as f32 } else { 0.0 };
+        }
+    }
+    for (flag, weight) in flags.iter_mut().zip(&weights) {
+        if *flag == KEPT && *weight < settings.min_weight {
+            *flag = VOXEL_FIELD;
+        }
+    }
+}
+
+/// The strands cut to their lengths; those with a flag are emptied.
+fn cut(strands: &Strands, lengths: &[usize], flags: &[u8]) -> Strands {
+    let mut out = Strands::new();
+    for n in 0..strands.strand_count() {
+        let start = strands.range(n).start;
+        let range = start..start + if flags[n] == KEPT { lengths[n] } else { 0 };
+        out.push(&strands.points[range.clone()], &strands.provenance[range.clone()], &strands.confidence[range]);
+    }
+    out
 }

@@ -53,7 +53,9 @@ pub fn diffuse(grid: &Grid, indices: &[u32], constraints: &[Constraint], solver:
     while let Some(level) = levels.pop() {
         let start = match &coarse {
             Some((parent, solution)) => level.prolong(parent, solution),
-            None => level.constraints.iter().map(|c| if c.weight > 0.0 { c.tensor } else { Tensor::default() }).collect(),
+            None => {
+                level.constraints.iter().map(|c| if c.weight > 0.0 { c.tensor } else { Tensor::default() }).collect()
+            }
         };
         let sweeps = if coarse.is_none() && solver.levels > 1 { 4 * solver.sweeps } else { solver.sweeps };
         let solution = level.relax(start, sweeps, solver.relaxation);

@@ -62,7 +62,13 @@ impl Tensor {
     /// The axis with the largest diagonal entry, projected through the tensor: a start for [`Tensor::principal`].
     pub fn rough_direction(&self) -> Vec3 {
         let [xx, yy, zz, ..] = self.0;
-        let axis = if xx >= yy && xx >= zz { Vec3::X } else if yy >= zz { Vec3::Y } else { Vec3::Z };
+        let axis = if xx >= yy && xx >= zz {
+            Vec3::X
+        } else if yy >= zz {
+            Vec3::Y
+        } else {
+            Vec3::Z
+        };
         self.apply(axis).normalize_or(axis)
     }
 
