@@ -1,1 +1,18 @@
 //! One file per format: calibrations, images, video, strands, USD.
+//!
+//! Readers trust nothing: sizes in headers are checked against the file before memory is taken, every error names the
+//! file and the place in it and has a hint ([`IoError::hint`]). Lengths come out in millimetres.
+
+mod bytes;
+pub mod calibration;
+pub mod error;
+pub mod exr_image;
+pub mod image_file;
+pub mod markers;
+pub mod source;
+
+pub use calibration::{Calibration, read_calibration, rig_for_views};
+pub use error::{At, IoError};
+pub use image_file::{read_mask, read_rgb, write_mask_png, write_rgb_png};
+pub use markers::{LabelledMarker, MarkerLabels, read_marker_labels};
+pub use source::{SourceInfo, TakeSource, ViewInput, probe};

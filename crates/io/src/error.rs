@@ -1,0 +1,133 @@
+//! What can be wrong with a file: which file, where in it, what is the case, and what to do about it.
+
+use std::{
+    fmt,
+    path::{Path, PathBuf},
+};
+
+/// A place in the input; parts that do not apply are `None`.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct At {
+    /// Line of a text file, from 1.
+    pub line: Option<usize>,
+    /// Name of the view.
+    pub view: Option<String>,
+    /// Frame.
+    pub frame: Option<usize>,
+}
+
+impl At {
+    /// Nowhere in particular.
+    pub const FILE: Self = Self { line: None, view: None, frame: None };
+
+    /// A line, from 1.
+    pub fn line(line: usize) -> Self {
+        Self { line: Some(line), ..Self::FILE }
+    }
+
+    /// A view.
+    pub fn view(view: &str) -> Self {
+        Self { view: Some(view.to_owned()), ..Self::FILE }
+    }
+
+    /// A frame of a view.
+    pub fn view_frame(view: &str, frame: usize) -> Self {
+        Self { view: Some(view.to_owned()), frame: Some(frame), line: None }
+    }
+}
+
+impl fmt::Display for At {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(line) = self.line {
+            write!(f, ":{line}")?;
+        }
+        if let Some(view) = &self.view {
+            write!(f, ", view {view}")?;
+        }
+        if let Some(frame) = self.frame {
+            write!(f, ", frame {frame}")?;
+        }
+        Ok(())
+    }
+}
+
+/// Why a file could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum IoError {
+    /// The operating system refused.
+    #[error("{}: cannot {action}: {cause}", file.display())]
+    System {
+        /// The file.
+        file: PathBuf,
+        /// What was tried ("read", "write").
+        action: &'static str,
+        /// Why it failed.
+        cause: std::io::Error,
+    },
+    /// The file is not what it claims to be, or holds something that cannot be.
+    #[error("{}{at}: {fact}", file.display())]
+    Content {
+        /// The file.
+        file: PathBuf,
+        /// Where in it.
+        at: At,
+        /// What is the case.
+        fact: String,
+        /// What to do about it.
+        hint: String,
+    },
+    /// A program that is needed is not installed.
+    #[error("the program `{program}` was not found (needed to read {})", file.display())]
+    Program {
+        /// Its name.
+        program: &'static str,
+        /// The file that needs it.
+        file: PathBuf,
+    },
+}
+
+impl IoError {
+    /// What to do about it.
+    pub fn hint(&self) -> String {
+        match self {
+            Self::System { cause, .. } => match cause.kind() {
+                std::io::ErrorKind::NotFound => "check the path in the take's manifest".into(),
+                std::io::ErrorKind::PermissionDenied => "give yourself the right to this file".into(),
+                std::io::ErrorKind::StorageFull => "free some disk space and run again".into(),
+                _ => "check the disk and run again".into(),
+            },
+            Self::Content { hint, .. } => hint.clone(),
+            Self::Program { program, .. } => format!(
+                "install {program} (Debian/Ubuntu: `apt install ffmpeg`, macOS: `brew install ffmpeg`, Windows: \
+                 `winget install ffmpeg`) and put it on the PATH, or turn the videos into image folders elsewhere"
+            ),
+        }
+    }
+
+    /// Something wrong with what a file holds.
+    pub fn content(file: &Path, at: At, fact: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self::Content { file: file.to_owned(), at, fact: fact.into(), hint: hint.into() }
+    }
+
+    pub(crate) fn reading(file: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+        |cause| Self::System { file: file.to_owned(), action: "read", cause }
+    }
+
+    pub(crate) fn writing(file: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+        |cause| Self::System { file: file.to_owned(), action: "write", cause }
+    }
+
+    /// The file that is at fault.
+    pub fn file(&self) -> &Path {
+        match self {
+            Self::System { file, .. } | Self::Content { file, .. } | Self::Program { file, .. } => file,
+        }
+    }
+}
+
+/// The text of a file; an error names the file.
+pub(crate) fn read_text(file: &Path) -> Result<String, IoError> {
+    let bytes = std::fs::read(file).map_err(IoError::reading(file))?;
+    String::from_utf8(bytes)
+        .map_err(|_| IoError::content(file, At::FILE, "is not a text file (UTF-8)", "check that it is the right file"))
+}
