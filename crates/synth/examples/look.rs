@@ -1,4 +1,5 @@
 //! Writes pictures of a synthetic capture as PPM files: `look DIR [straight|wavy|curly] [demo|full] [FRAME VIEW]...`.
+//! With `all` instead of frames and views it renders the whole take and says how long that took.
 
 use std::{env, fs, io::Write, path::Path, time::Instant};
 
@@ -18,6 +19,14 @@ fn main() -> std::io::Result<()> {
     let start = Instant::now();
     let scene = generate(&spec).map_err(|violations| std::io::Error::other(format!("{violations:?}")))?;
     eprintln!("generated in {:.1} s", start.elapsed().as_secs_f64());
+    if word(3, "") == "all" {
+        let start = Instant::now();
+        let seen: usize = (0..spec.rig.frames).map(|frame| scene.render(frame).len()).sum();
+        eprintln!("{seen} pictures in {:.1} s", start.elapsed().as_secs_f64());
+        let stable = scene.stable(8.0);
+        eprintln!("{} of {} strands are stable", stable.iter().filter(|&&s| s).count(), stable.len());
+        return Ok(());
+    }
     let numbers: Vec<usize> = args.iter().skip(3).filter_map(|a| a.parse().ok()).collect();
     for pair in if numbers.len() >= 2 { &numbers[..] } else { &[0, 3] }.chunks_exact(2) {
         let start = Instant::now();

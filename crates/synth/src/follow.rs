@@ -93,7 +93,7 @@ fn lay(rest: &[DVec3], edge: impl Fn(usize) -> DVec3) -> Vec<DVec3> {
             if distance(q) >= 0.1 {
                 break;
             }
-            direction = (push_out(q, 0.3) - p).normalize_or(direction);
+            direction = (push_out(q, 0.4) - p).normalize_or(direction);
         }
         p += direction * length;
         out.push(p);

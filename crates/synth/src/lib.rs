@@ -36,3 +36,4 @@ pub use groom::Groom;
 pub use render::{MarkerLabels, Picture};
 pub use scene::{FrameTruth, MARKER_COLOURS, MARKER_RADIUS_MM, Scene, generate};
 pub use spec::{GroomSpec, MotionSpec, NoiseSpec, PhysicsSpec, RigSpec, SpecViolation, Style, SynthSpec};
+pub use strandflow_dynamics::GRAVITY;

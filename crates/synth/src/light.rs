@@ -22,12 +22,19 @@ pub(crate) struct Light {
 /// The studio: a key from above and behind, two fills, a little from the front.
 pub(crate) fn lights() -> [Light; 4] {
     let light = |x: f32, y: f32, z: f32, strength| Light { towards: Vec3::new(x, y, z).normalize(), strength };
-    [light(0.35, 0.75, 1.0, 1.25), light(-0.95, 0.35, 0.45, 0.55), light(0.95, 0.1, 0.35, 0.5), light(0.1, -0.9, 0.7, 0.45)]
+    [
+        light(0.35, 0.75, 1.0, 1.25),
+        light(-0.95, 0.35, 0.45, 0.55),
+        light(0.95, 0.1, 0.35, 0.5),
+        light(0.1, -0.9, 0.7, 0.45),
+    ]
 }
 
 /// Optical depth of the hair per millimetre, and opaque where the head is.
 pub(crate) struct Density {
     grid: Grid,
+    origin: Vec3,
+    per_mm: f32,
     values: Vec<f32>,
 }
 
@@ -57,17 +64,17 @@ impl Density {
         for (value, head) in values.iter_mut().zip(head_opacity) {
             *value += head;
         }
-        Self { grid, values }
+        Self { grid, origin: grid.origin.as_vec3(), per_mm: 1.0 / grid.voxel_mm as f32, values }
     }
 
     /// Share of a light that reaches a point (head frame) from a direction.
     pub(crate) fn transmittance(&self, p: Vec3, towards: Vec3) -> f32 {
         let (mut depth, mut t, mut step) = (0.0f32, 2.0f32, 2.5f32);
-        for _ in 0..14 {
+        for _ in 0..10 {
             depth += self.at(p + towards * (t + 0.5 * step)) * step;
             t += step;
-            step *= 1.15;
-            if depth > 6.0 {
+            step *= 1.3;
+            if depth > 5.0 {
                 return 0.0;
             }
         }
@@ -76,14 +83,14 @@ impl Density {
 
     /// Trilinear interpolation; zero outside.
     fn at(&self, p: Vec3) -> f32 {
-        let c = self.grid.continuous(p.as_dvec3()) - 0.5;
+        let c = (p - self.origin) * self.per_mm - 0.5;
         let base = c.floor();
         let [nx, ny, nz] = self.grid.dims;
-        let outside = |v: f64, n: usize| v < 0.0 || v as usize + 1 >= n;
-        if outside(base.x, nx) || outside(base.y, ny) || outside(base.z, nz) {
+        let limit = Vec3::new(nx as f32, ny as f32, nz as f32) - 1.0;
+        if base.cmplt(Vec3::ZERO).any() || base.cmpge(limit).any() {
             return 0.0;
         }
-        let f = (c - base).as_vec3();
+        let f = c - base;
         let i = self.grid.index([base.x as usize, base.y as usize, base.z as usize]);
         let row = |i: usize| self.values[i] + (self.values[i + 1] - self.values[i]) * f.x;
         let layer = |i: usize| row(i) + (row(i + nx) - row(i)) * f.y;

@@ -62,8 +62,7 @@ fn blurred(image: &Plane<Vec3>, sigma: f64) -> Plane<Vec3> {
         return image.clone();
     }
     let reach = (3.0 * sigma).ceil() as isize;
-    let mut kernel: Vec<f32> =
-        (-reach..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp() as f32).collect();
+    let mut kernel: Vec<f32> = (-reach..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp() as f32).collect();
     let sum: f32 = kernel.iter().sum();
     kernel.iter_mut().for_each(|k| *k /= sum);
     let pass = |source: &Plane<Vec3>, dx: isize, dy: isize| {

@@ -6,7 +6,9 @@ use rand_pcg::Pcg64Mcg;
 
 /// A generator for one purpose: the same seed and keys give the same numbers, other keys give independent ones.
 pub(crate) fn stream(seed: u64, keys: &[u64]) -> Pcg64Mcg {
-    Pcg64Mcg::seed_from_u64(keys.iter().fold(mix(seed ^ 0x9e37_79b9_7f4a_7c15), |h, &k| mix(h ^ mix(k.wrapping_add(1)))))
+    Pcg64Mcg::seed_from_u64(
+        keys.iter().fold(mix(seed ^ 0x9e37_79b9_7f4a_7c15), |h, &k| mix(h ^ mix(k.wrapping_add(1)))),
+    )
 }
 
 /// A standard normal number (Box and Muller 1958).

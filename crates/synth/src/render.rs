@@ -87,17 +87,18 @@ impl Scene {
             .enumerate()
             .map(|(i, strand)| {
                 let fine = rounded(strand, pieces);
-                let light: Vec<[f32; 4]> = strand.iter().map(|&p| reaching(p)).collect();
+                // Light changes slowly along a strand: every second point is enough.
+                let light: Vec<[f32; 4]> = strand.iter().step_by(2).map(|&p| reaching(p)).collect();
                 Fibre {
                     points: fine.iter().map(|&p| world_from_head.point(p)).collect(),
-                    light: (0..fine.len()).map(|k| between(&light, k, pieces)).collect(),
+                    light: (0..fine.len()).map(|k| between(&light, k, 2 * pieces)).collect(),
                     colour: Vec3::from_array(self.spec.groom.colour.map(|c| c as f32))
                         * self.groom.brightness[i] as f32,
                     seed: crate::random::mix(self.spec.seed ^ (0xf1b3e + i as u64)),
                 }
             })
             .collect();
-        let normals = vertex_normals(&self.head);
+        let normals: Vec<DVec3> = self.head.vertices.par_iter().map(|&v| crate::head::normal(v)).collect();
         let skin = (0..self.head.vertices.len())
             .into_par_iter()
             .map(|v| {
@@ -105,7 +106,8 @@ impl Scene {
                 let n = normals[v].as_vec3();
                 let light = reaching(p + normals[v] * 1.5);
                 let direct: f32 = (0..4).map(|l| light[l] * (0.85 * n.dot(local[l]) + 0.15).max(0.0)).sum();
-                let base = if crate::head::has_hair(p) { Vec3::new(0.25, 0.17, 0.12) } else { Vec3::new(0.72, 0.50, 0.40) };
+                let base =
+                    if crate::head::has_hair(p) { Vec3::new(0.25, 0.16, 0.11) } else { Vec3::new(0.95, 0.66, 0.50) };
                 (world_from_head.point(p), base * (0.62 * direct + 0.16))
             })
             .collect();
@@ -121,7 +123,8 @@ impl Scene {
         let balls: Vec<Vertex> =
             self.markers.iter().map(|&m| lens.vertex(lit.world_from_head.point(m), Vec3::ZERO)).collect();
         let bands = camera.height.div_ceil(BAND_ROWS);
-        let hair_of_band = binned(&hair, bands, (BAND_ROWS * ss) as f32, lens.width(self.spec.groom.width_mm, &lit.fibres));
+        let hair_of_band =
+            binned(&hair, bands, (BAND_ROWS * ss) as f32, lens.width(self.spec.groom.width_mm, &lit.fibres));
         let skin_of_band = binned_faces(&self.head.faces, &skin, bands, (BAND_ROWS * ss) as f32);
         let rows: Vec<Resolved> = (0..bands)
             .into_par_iter()
@@ -155,7 +158,8 @@ impl Scene {
                 let colour = Vec3::from_array(MARKER_COLOURS[m]);
                 let shade = |n: Vec3| {
                     let world = (r.transpose() * DVec3::new(n.x as f64, n.y as f64, -n.z as f64)).as_vec3();
-                    let direct: f32 = lights.iter().map(|l| l.strength * (0.6 * world.dot(l.towards) + 0.4).max(0.0)).sum();
+                    let direct: f32 =
+                        lights.iter().map(|l| l.strength * (0.6 * world.dot(l.towards) + 0.4).max(0.0)).sum();
                     colour * (0.42 * direct + 0.25)
                 };
                 band.ball(ball, radius as f32, MARKER_RADIUS_MM as f32, MARKER + m as u8, shade)
@@ -266,9 +270,11 @@ impl Fibre {
         (0..self.points.len())
             .map(|k| {
                 let p = self.points[k];
-                let tangent = (self.points[(k + 1).min(last)] - self.points[k.saturating_sub(1)]).normalize_or(DVec3::Z);
+                let tangent =
+                    (self.points[(k + 1).min(last)] - self.points[k.saturating_sub(1)]).normalize_or(DVec3::Z);
                 let (t, v) = (tangent.as_vec3(), (eye - p).normalize().as_vec3());
-                let along = crate::random::smooth_noise(self.seed, DVec3::new(k as f64 / last.max(1) as f64 * 7.0, 0.5, 0.5));
+                let along =
+                    crate::random::smooth_noise(self.seed, DVec3::new(k as f64 / last.max(1) as f64 * 7.0, 0.5, 0.5));
                 let base = self.colour * (1.0 + 0.15 * along as f32);
                 let mut colour = Vec3::ZERO;
                 let mut reaching = 0.0;
@@ -326,7 +332,9 @@ fn rounded(points: &[DVec3], pieces: usize) -> Vec<DVec3> {
         let (a, b, c, d) = (points[k.saturating_sub(1)], points[k], points[k + 1], points[(k + 2).min(last)]);
         for s in 1..=pieces {
             let t = s as f64 / pieces as f64;
-            let curve = b * 2.0 + (c - a) * t + (a * 2.0 - b * 5.0 + c * 4.0 - d) * (t * t)
+            let curve = b * 2.0
+                + (c - a) * t
+                + (a * 2.0 - b * 5.0 + c * 4.0 - d) * (t * t)
                 + (b * 3.0 - a - c * 3.0 + d) * (t * t * t);
             out.push(curve * 0.5);
         }
@@ -336,11 +344,7 @@ fn rounded(points: &[DVec3], pieces: usize) -> Vec<DVec3> {
 
 /// The value at fine point `k` between the values at the coarse points.
 fn between(values: &[[f32; 4]], k: usize, pieces: usize) -> [f32; 4] {
-    let (i, share) = (k / pieces, (k % pieces) as f32 / pieces as f32);
+    let (i, share) = ((k / pieces).min(values.len() - 1), (k % pieces) as f32 / pieces as f32);
     let next = values[(i + 1).min(values.len() - 1)];
     std::array::from_fn(|l| values[i][l] + (next[l] - values[i][l]) * share)
-}
-
-fn vertex_normals(mesh: &strandflow_core::TriMesh) -> Vec<DVec3> {
-    mesh.vertices.iter().map(|&v| crate::head::normal(v)).collect()
 }

@@ -25,8 +25,10 @@ pub fn rig(spec: &SynthSpec) -> Rig {
             let roll = DMat3::from_rotation_z((1.5 * signed(&mut rng)).to_radians());
             let rotation = roll * look_along(-from);
             let focal = r.focal_px * scale * (1.0 + 0.03 * signed(&mut rng));
-            let principal =
-                [r.width as f64 * 0.5 + 6.0 * scale * signed(&mut rng), r.height as f64 * 0.5 + 4.0 * scale * signed(&mut rng)];
+            let principal = [
+                r.width as f64 * 0.5 + 6.0 * scale * signed(&mut rng),
+                r.height as f64 * 0.5 + 4.0 * scale * signed(&mut rng),
+            ];
             Camera {
                 name: format!("cam{v:02}"),
                 width: r.width,

@@ -157,7 +157,7 @@ impl Default for RigSpec {
             views: 7,
             width: 400,
             height: 300,
-            focal_px: 1400.0,
+            focal_px: 1850.0,
             distance_mm: 1500.0,
             arc_deg: 250.0,
             subsamples: 4,
@@ -182,7 +182,7 @@ impl Default for GroomSpec {
             wave_from: 0.4,
             frizz_mm: 1.2,
             clump: 0.3,
-            colour: [0.40, 0.25, 0.12],
+            colour: [0.32, 0.185, 0.09],
             colour_variation: 0.3,
         }
     }
@@ -211,7 +211,7 @@ impl Default for PhysicsSpec {
 impl Default for NoiseSpec {
     fn default() -> Self {
         Self {
-            image_sigma: 1.5,
+            image_sigma: 2.0,
             blur_px: 0.35,
             defocus_px: 0.0,
             mask_px: 0.0,
@@ -289,9 +289,9 @@ impl SynthSpec {
     /// A take as large as a real one: 640×480, 9,000 strands of 0.26 mm.
     pub fn full(style: Style, frames: usize) -> Self {
         Self {
-            rig: RigSpec { frames, width: 640, height: 480, ..RigSpec::default() },
+            rig: RigSpec { frames, width: 640, height: 480, focal_px: 1650.0, ..RigSpec::default() },
             groom: GroomSpec { strands: 9000, guides: 500, width_mm: 0.26, ..GroomSpec::of_style(style) },
-            physics: PhysicsSpec { settle_secs: 1.0, ..PhysicsSpec::default() },
+            physics: PhysicsSpec { settle_secs: 0.6, ..PhysicsSpec::default() },
             ..Self::default()
         }
     }
