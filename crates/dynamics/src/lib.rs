@@ -9,7 +9,9 @@ pub mod kernels;
 pub mod lanes;
 #[cfg(target_arch = "x86_64")]
 pub mod lanes_x86;
+pub mod lbfgs;
 pub mod params;
+pub mod refine;
 pub mod rest;
 pub mod step;
 pub mod system;

@@ -2,7 +2,8 @@
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use strandflow_core::{Report, RigidTransform, StrandSequence};
+use strandflow_core::{Place, Provenance, Report, RigidTransform, StrandSequence};
+use strandflow_dynamics::refine::{RefineOptions, Refined, Take, Track, refine};
 
 use crate::{Mode, SettingViolation, StageError};
 
@@ -34,28 +35,210 @@ pub struct Fitted {
     pub windows: Vec<[u16; 3]>,
 }
 
-/// Settings of stage `fit`.
+/// Settings of stage `fit`. Paper mode keeps the counts and takes the letter for the rest.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FitSettings {
-    /// Passes over the whole take.
+    /// Passes over the whole take. Two are best; more do not hurt, since targets stay the original data.
     pub outer_passes: usize,
+    /// Frames that a window predicts.
+    pub window_frames: usize,
+    /// σ of the Gaussian aging weights \[frames\]; 1 is bad.
+    pub aging_frames: f64,
+    /// Simulation steps per frame; five are 2 ms at 100 frames a second.
+    pub substeps: usize,
+    /// Optimiser steps per window.
+    pub iterations: usize,
+    /// Evaluations of value and gradient per window, the bulk of the stage's time.
+    pub evaluations: usize,
+    /// Half the range of the log parameters around their start.
+    pub log_range: f64,
+    /// Weight of Σ (δv / 100 mm/s)² against the mean squared distance \[mm²\].
+    pub velocity_prior: f64,
+    /// Step of the prox \[s\]; longer gives stiffer strands.
+    pub prox_secs: f64,
+    /// Edge length where the data are too noisy to tell \[mm\].
+    pub edge_mm: f64,
+    /// Weight of points whose direction was filled in, against observed ones.
+    pub diffused_weight: f64,
 }
 
 impl Default for FitSettings {
     fn default() -> Self {
-        Self { outer_passes: 2 }
+        let options = RefineOptions::default();
+        Self {
+            outer_passes: options.outer_passes,
+            window_frames: options.window_frames,
+            aging_frames: options.aging_frames,
+            substeps: options.substeps,
+            iterations: options.iterations,
+            evaluations: options.evaluations,
+            log_range: options.log_range,
+            velocity_prior: options.velocity_prior,
+            prox_secs: options.prox_secs,
+            edge_mm: options.edge_mm,
+            diffused_weight: 0.5,
+        }
     }
 }
 
 impl FitSettings {
     /// All violations.
     pub fn check(&self) -> Vec<SettingViolation> {
-        Vec::new()
+        let mut found = Vec::new();
+        let mut count = |field: &str, value: usize, range: std::ops::RangeInclusive<usize>, reason: &str| {
+            let text = format!("{}..={}", range.start(), range.end());
+            SettingViolation::unless(range.contains(&value), &mut found, (field, value), (&text, reason));
+        };
+        count("fit.outer_passes", self.outer_passes, 0..=20, "0 keeps the cleaned strands");
+        count("fit.window_frames", self.window_frames, 1..=50, "the memory of a window grows with it");
+        count("fit.substeps", self.substeps, 1..=50, "five are 2 ms at 100 frames a second");
+        count("fit.iterations", self.iterations, 1..=200, "eight suffice");
+        count("fit.evaluations", self.evaluations, 1..=400, "at least one per iteration is needed");
+        let mut real = |field: &str, value: f64, (low, high): (f64, f64), reason: &str| {
+            let ok = value >= low && value <= high;
+            SettingViolation::unless(ok, &mut found, (field, value), (&format!("{low}..={high}"), reason));
+        };
+        real("fit.aging_frames", self.aging_frames, (0.5, 1e6), "below, only the first frame counts");
+        real("fit.log_range", self.log_range, (0.0, 8.0), "the step becomes singular further out");
+        real("fit.velocity_prior", self.velocity_prior, (0.0, 1e6), "a weight");
+        real("fit.prox_secs", self.prox_secs, (1e-4, 0.1), "longer steps let gravity win over the data");
+        real("fit.edge_mm", self.edge_mm, (0.1, 100.0), "the particle spacing");
+        real("fit.diffused_weight", self.diffused_weight, (0.0, 1.0), "a share of an observed point's weight");
+        found
+    }
+
+    /// The options of the chain in this mode.
+    fn options(&self, mode: Mode) -> RefineOptions {
+        RefineOptions {
+            outer_passes: self.outer_passes,
+            window_frames: self.window_frames,
+            aging_frames: self.aging_frames,
+            substeps: self.substeps,
+            iterations: self.iterations,
+            evaluations: self.evaluations,
+            log_range: self.log_range,
+            velocity_prior: self.velocity_prior,
+            prox_secs: self.prox_secs,
+            edge_mm: self.edge_mm,
+            letter: mode == Mode::Paper,
+            ..RefineOptions::default()
+        }
     }
 }
 
+/// Trust below which a present point still counts as this much: confidence is a guess.
+const LEAST_WEIGHT: f64 = 0.05;
+
 /// Fits one block of strands.
+///
+/// A strand without any usable point stays missing and is reported; everything else that can be wrong with a strand
+/// (gaps, jumps, windows that fail) is absorbed and counted in `windows`.
+///
+/// Errors: frames, head motion and array lengths that do not fit together; a head motion that is not finite.
+/// Reference: Zhang, Wu, Zhang et al. 2012, §5.1–5.2, eq. 3 and 4.
+/// Deviation: see `strandflow_dynamics::refine`; paper mode follows the letter.
 pub fn fit(input: &FitInput, mode: Mode, settings: &FitSettings, report: &mut Report) -> Result<Fitted, StageError> {
-    unimplemented!()
+    check_shapes(input)?;
+    let tracks: Vec<Track> = (0..input.sequence.strand_count).map(|n| track_of(input.sequence, n, settings)).collect();
+    let take = Take { world_from_head: input.world_from_head, gravity: input.gravity, frame_secs: input.frame_secs };
+    let options = settings.options(mode);
+    let refined = refine(&tracks, &take, &options);
+    let mut out = Fitted {
+        sequence: input.sequence.clone(),
+        parameters: Vec::with_capacity(tracks.len()),
+        residual_mm: Vec::with_capacity(tracks.len()),
+        windows: Vec::with_capacity(tracks.len()),
+    };
+    let (mut empty, mut failed) = (0, 0);
+    for (n, strand) in refined.iter().enumerate() {
+        let params = strand.as_ref().map_or(options.start, |s| s.params);
+        out.parameters.push(params.to_array().map(|p| p as f32));
+        out.windows.push(strand.as_ref().map_or([0; 3], |s| s.windows.map(|w| w.min(u16::MAX.into()) as u16)));
+        out.residual_mm.push(match strand {
+            Some(strand) => write_back(input.sequence, &mut out.sequence, n, strand),
+            None => 0.0,
+        });
+        failed += out.windows[n][2] as usize;
+        if strand.is_none() && input.sequence.counts[n] > 0 {
+            empty += 1;
+            let place = Place::strand(input.first_strand + n);
+            if empty <= REPORTED {
+                report.warn(place, "no frame has a usable point", "the strand stays missing");
+            }
+        }
+    }
+    if empty > REPORTED || failed > 0 {
+        let fact = format!("{empty} strands without points, {failed} windows failed");
+        let place = Place { strand: Some(input.first_strand), ..Place::default() };
+        report.warn(place, fact, "failed windows keep the cleaned positions");
+    }
+    Ok(out)
+}
+
+/// Strands reported one by one; more are only counted.
+const REPORTED: usize = 5;
+
+fn check_shapes(input: &FitInput) -> Result<(), StageError> {
+    let s = input.sequence;
+    let samples = s.frame_count() * s.strand_count * s.point_count;
+    let wrong = |fact: String, hint: &str| {
+        Err(StageError::Input { place: Place::strand(input.first_strand), fact, hint: hint.into() })
+    };
+    if [s.points.len(), s.provenance.len(), s.confidence.len()] != [samples; 3] || s.counts.len() != s.strand_count {
+        return wrong("the sequence's arrays do not fit its shape".into(), "run the stage before again");
+    }
+    if s.counts.iter().any(|&c| usize::from(c) > s.point_count) {
+        return wrong("a strand counts more particles than the sequence holds".into(), "run the stage before again");
+    }
+    if input.world_from_head.len() != s.frame_count() {
+        let fact = format!("{} head poses for {} frames", input.world_from_head.len(), s.frame_count());
+        return wrong(fact, "give one head pose per frame");
+    }
+    if !(input.frame_secs > 0.0 && input.frame_secs.is_finite()) {
+        return wrong(format!("frame interval {} s", input.frame_secs), "give the take's frame rate");
+    }
+    for (t, pose) in input.world_from_head.iter().enumerate() {
+        if !(pose.rotation.is_finite() && pose.translation.is_finite()) {
+            let place = Place::frame(s.frames.get(t).map_or(t, |&f| f as usize));
+            return Err(StageError::NonFinite { place, what: "the head pose".into() });
+        }
+    }
+    Ok(())
+}
+
+/// One strand of the sequence with the trust in its samples.
+fn track_of(sequence: &StrandSequence, strand: usize, settings: &FitSettings) -> Track {
+    let count = usize::from(sequence.counts[strand]);
+    let samples = (0..sequence.frame_count()).flat_map(|t| sequence.range(t, strand));
+    let (points, weights) = samples
+        .map(|e| {
+            let confidence = f64::from(sequence.confidence[e]);
+            let trust = if confidence.is_finite() { confidence.clamp(LEAST_WEIGHT, 1.0) } else { LEAST_WEIGHT };
+            let weight = match sequence.provenance[e] {
+                Provenance::Missing => 0.0,
+                Provenance::Observed => trust,
+                _ => trust * settings.diffused_weight,
+            };
+            (sequence.points[e].as_dvec3(), weight)
+        })
+        .unzip();
+    Track { particle_count: count, points, weights }
+}
+
+/// Writes a refined strand and returns its root mean square distance to the points that were given \[mm\].
+fn write_back(given: &StrandSequence, out: &mut StrandSequence, strand: usize, refined: &Refined) -> f32 {
+    let (mut sum, mut count) = (0.0, 0);
+    let samples = (0..given.frame_count()).flat_map(|t| given.range(t, strand));
+    for (e, point) in samples.zip(&refined.points) {
+        out.points[e] = point.as_vec3();
+        if given.valid(e) && given.points[e].is_finite() {
+            sum += given.points[e].as_dvec3().distance_squared(*point);
+            count += 1;
+        } else {
+            out.provenance[e] = Provenance::Simulated;
+            out.confidence[e] = 0.0;
+        }
+    }
+    (sum / f64::from(count.max(1))).sqrt() as f32
 }

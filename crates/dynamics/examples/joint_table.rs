@@ -1,0 +1,72 @@
+//! Prints the joint table of the robust chain: error, jitter and length of straight, wavy and helical strands with 3 mm
+//! of noise, clean, in unmodelled wind, and with outlier frames and hidden tails.
+#![allow(clippy::print_stdout, missing_docs)]
+
+#[path = "../tests/truth/mod.rs"]
+mod truth;
+
+use std::time::Instant;
+
+use strandflow_dynamics::{
+    GRAVITY,
+    refine::{RefineOptions, Take, Track, refine},
+};
+use truth::{FRAME_SECS, Scene, Shape, Truth, error, jitter, lengths, noisy, truth as simulate};
+
+fn row(name: &str, scenes: &[(Truth, Track)], options: &RefineOptions) {
+    let start = Instant::now();
+    let mut means = [0.0; 8];
+    let (mut low, mut high) = (f64::MAX, f64::MIN);
+    let mut windows = [0; 3];
+    let tracks: Vec<Track> = scenes.iter().map(|(_, track)| track.clone()).collect();
+    let take = Take { world_from_head: &scenes[0].0.world_from_head, gravity: GRAVITY, frame_secs: FRAME_SECS };
+    let refined = refine(&tracks, &take, options);
+    let secs = start.elapsed().as_secs_f64();
+    for ((truth, track), refined) in scenes.iter().zip(&refined) {
+        let Some(refined) = refined else { continue };
+        let length = lengths(&refined.points, truth.n);
+        (low, high) = (low.min(length[0]), high.max(length[1]));
+        let all = |_: usize| true;
+        let values = [
+            error(&track.points, truth, all),
+            error(&refined.cleaned, truth, all),
+            error(&refined.points, truth, all),
+            jitter(&track.points, truth.n),
+            jitter(&refined.cleaned, truth.n),
+            jitter(&refined.points, truth.n),
+            jitter(&truth.points, truth.n),
+            length[3],
+        ];
+        (0..8).for_each(|k| means[k] += values[k] / scenes.len() as f64);
+        (0..3).for_each(|k| windows[k] += refined.windows[k]);
+    }
+    let [input, cleaned, refined, j_input, j_cleaned, j, j_truth, deviation] = means;
+    println!(
+        "{name:22} error {input:5.2} {cleaned:5.2} {refined:5.2}  jitter {j_input:5.2} {j_cleaned:5.2} {j:5.2} (truth \
+         {j_truth:4.2})  length {low:.1}-{high:.1} std {deviation:.2}  windows {windows:?}  {:.3} ms/window",
+        1e3 * secs / windows.iter().sum::<usize>().max(1) as f64
+    );
+}
+
+fn main() {
+    let options = RefineOptions::default();
+    println!("                        input, cleaned, refined [mm]");
+    for (name, shape, sigma, wind, step) in [
+        ("straight", Shape::Straight, 3.0, 0.0, 5e-4),
+        ("wavy", Shape::Wavy, 3.0, 0.0, 5e-4),
+        ("helix", Shape::Helix, 3.0, 0.0, 5e-4),
+        ("helix, clean", Shape::Helix, 0.0, 0.0, 5e-4),
+        ("straight, clean", Shape::Straight, 0.0, 0.0, 5e-4),
+        ("helix, sigma 1", Shape::Helix, 1.0, 0.0, 5e-4),
+        ("helix, wind", Shape::Helix, 3.0, 8000.0, 1e-3),
+    ] {
+        let scenes: Vec<(Truth, Track)> = (0..16)
+            .map(|seed| {
+                let truth = simulate(&Scene { shape, step_secs: step, wind, seed, ..Scene::default() });
+                let track = noisy(&truth, sigma, seed);
+                (truth, track)
+            })
+            .collect();
+        row(name, &scenes, &options);
+    }
+}

@@ -1,0 +1,135 @@
+//! The whole chain from noisy strand tracks to refined ones, many strands at a time.
+//!
+//! 1. [`track`]: trust in every sample from its neighbours in time, the root's path, and the rest shape.
+//! 2. [`clean`]: missing samples filled by simulation, a local quadratic filter in head space, and prox.
+//! 3. [`windows`]: overlapping windows fitted to the *original* samples with parameters and initial velocity free,
+//!    averaged; repeated; finished with prox.
+//!
+//! Strands of similar particle count share a bundle, one strand a lane. Results do not depend on threads.
+//!
+//! Reference: Zhang, Wu, Zhang et al. 2012, §5.2.
+//! Deviation: cleaning, velocities as variables, original targets in all passes, prox. Measured on a helix with 3 mm of
+//! noise: error 0.82 mm instead of 1.61 (paper's loop), and no growth with the number of passes.
+
+pub mod bundle;
+pub mod clean;
+pub mod filter;
+pub mod track;
+pub mod windows;
+
+use glam::DVec3;
+use rayon::prelude::*;
+use strandflow_core::RigidTransform;
+
+use crate::{
+    kernels::{Kernels, LaneTask, on_widest_lanes},
+    params::Params,
+};
+
+pub use track::Track;
+
+/// Choices of the chain.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RefineOptions {
+    /// Passes over the take.
+    pub outer_passes: usize,
+    /// Frames that a window predicts.
+    pub window_frames: usize,
+    /// σ of the aging weights \[frames\].
+    pub aging_frames: f64,
+    /// Steps per frame.
+    pub substeps: usize,
+    /// Accepted optimiser steps per window.
+    pub iterations: usize,
+    /// Evaluations per window.
+    pub evaluations: usize,
+    /// Half the range of the log parameters around the start.
+    pub log_range: f64,
+    /// Weight of Σ (δv / 100 mm/s)² against the mean squared distance \[mm²\].
+    pub velocity_prior: f64,
+    /// Step of the prox \[s\].
+    pub prox_secs: f64,
+    /// Edge length of the strands \[mm\], used where the data are too noisy to tell.
+    pub edge_mm: f64,
+    /// Where the parameters start.
+    pub start: Params,
+    /// The letter of the paper: no cleaning, forward velocity, updated positions as targets, no prox.
+    pub letter: bool,
+}
+
+impl Default for RefineOptions {
+    fn default() -> Self {
+        Self {
+            outer_passes: 2,
+            window_frames: 5,
+            aging_frames: 4.0,
+            substeps: 5,
+            iterations: 8,
+            evaluations: 12,
+            log_range: 4.0,
+            velocity_prior: 1e-2,
+            prox_secs: 5e-3,
+            edge_mm: 5.0,
+            start: Params::default(),
+            letter: false,
+        }
+    }
+}
+
+/// What all strands of a take share.
+#[derive(Clone, Copy, Debug)]
+pub struct Take<'a> {
+    /// The head's motion, one entry a frame.
+    pub world_from_head: &'a [RigidTransform],
+    /// Gravity \[mm/s²\], world.
+    pub gravity: DVec3,
+    /// Frame interval \[s\].
+    pub frame_secs: f64,
+}
+
+/// One refined strand.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Refined {
+    /// Positions \[mm\], world, shape (T, n). Finite.
+    pub points: Vec<DVec3>,
+    /// Positions after cleaning, before any window, shape (T, n).
+    pub cleaned: Vec<DVec3>,
+    /// Geometric mean of the parameters over the windows of the last pass.
+    pub params: Params,
+    /// Windows of all passes: fitted, stopped at a limit, failed (and replaced by the cleaned state).
+    pub windows: [usize; 3],
+}
+
+/// Refines strands. Strands without any usable sample come back as `None`, in the order of the input.
+pub fn refine(tracks: &[Track], take: &Take, options: &RefineOptions) -> Vec<Option<Refined>> {
+    struct All<'a>(&'a [Track], &'a Take<'a>, &'a RefineOptions);
+    impl LaneTask for All<'_> {
+        type Output = Vec<Option<Refined>>;
+        fn run<R: Kernels>(self) -> Self::Output {
+            refine_on::<R>(self.0, self.1, self.2)
+        }
+    }
+    on_widest_lanes(All(tracks, take, options))
+}
+
+/// [`refine`] on a given lane type.
+pub fn refine_on<R: Kernels>(tracks: &[Track], take: &Take, options: &RefineOptions) -> Vec<Option<Refined>> {
+    let prepared: Vec<Option<track::Prepared>> =
+        tracks.par_iter().map(|track| track::prepare(track, take, options)).collect();
+    // Equal particle counts next to one another, so that lanes are padded little.
+    let mut order: Vec<usize> = (0..tracks.len()).filter(|&i| prepared[i].is_some()).collect();
+    order.sort_by_key(|&i| (tracks[i].particle_count, i));
+    let done: Vec<Vec<(usize, Refined)>> = order
+        .par_chunks(R::COUNT)
+        .map(|members| {
+            let lanes: Vec<&track::Prepared> = members.iter().filter_map(|&i| prepared[i].as_ref()).collect();
+            let refined = windows::refine_bundle::<R>(&lanes, take, options);
+            members.iter().copied().zip(refined).collect()
+        })
+        .collect();
+    let mut out = vec![None; tracks.len()];
+    for (i, refined) in done.into_iter().flatten() {
+        out[i] = Some(refined);
+    }
+    out
+}

@@ -1,0 +1,272 @@
+//! One strand over time: trust in its samples, the root's path, and the rest shape behind the noise.
+
+use glam::DVec3;
+
+use crate::{
+    refine::{RefineOptions, Take},
+    rest::{ALTITUDE_EPSILON, RestShape},
+};
+
+/// One strand as given.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Track {
+    /// n.
+    pub particle_count: usize,
+    /// World positions \[mm\], shape (T, n); anything where the weight is zero.
+    pub points: Vec<DVec3>,
+    /// Trust in each sample, 0 (missing) to 1, shape (T, n).
+    pub weights: Vec<f64>,
+}
+
+/// A strand ready for the bundle.
+#[derive(Clone, Debug)]
+pub struct Prepared {
+    /// n.
+    pub n: usize,
+    /// Positions in head space \[mm\], shape (T, n).
+    pub head: Vec<DVec3>,
+    /// Trust after the median test, shape (T, n); zero is missing.
+    pub weights: Vec<f64>,
+    /// The rest shape.
+    pub rest: RestShape,
+    /// The median shape in head space, complete, length n.
+    pub median: Vec<DVec3>,
+}
+
+/// Half-width of the sliding median \[frames\]. Over nine frames a swinging strand stays within millimetres of it.
+const MEDIAN_HALF: usize = 4;
+/// Deviations from the sliding median beyond this many typical ones lose their weight.
+const OUTLIER: f64 = 2.5;
+/// Further deviation allowed per way of the median between the ends of its reach.
+const MOTION_SHARE: f64 = 0.5;
+/// Beyond this many reaches a sample is gone.
+const GONE: f64 = 2.0;
+/// Typical deviations below this count as this \[mm\], so that clean data are not thinned.
+const OUTLIER_FLOOR_MM: f64 = 1.5;
+/// Edge lengths varying by less than this (relative) are taken as the strand's own; above, noise made them.
+const STEADY_EDGES: f64 = 0.2;
+
+/// Prepares a strand; `None` if no sample can be used.
+pub fn prepare(track: &Track, take: &Take, options: &RefineOptions) -> Option<Prepared> {
+    let (n, frames) = (track.particle_count, take.world_from_head.len());
+    if n == 0 || frames == 0 || track.points.len() != n * frames || track.weights.len() != n * frames {
+        return None;
+    }
+    let head_from_world: Vec<_> = take.world_from_head.iter().map(|t| t.inverse()).collect();
+    let mut weights: Vec<f64> = track
+        .weights
+        .iter()
+        .zip(&track.points)
+        .map(|(&w, p)| if p.is_finite() && w.is_finite() { w.clamp(0.0, 1.0) } else { 0.0 })
+        .collect();
+    let head: Vec<DVec3> = (0..n * frames)
+        .map(|e| if weights[e] > 0.0 { head_from_world[e / n].point(track.points[e]) } else { DVec3::ZERO })
+        .collect();
+    if !options.letter {
+        distrust_outliers(&head, &mut weights, n);
+    }
+    let median = median_shape(&head, &weights, n, options.edge_mm)?;
+    let rest = rest_shape(&head, &weights, n, &median, options.edge_mm);
+    Some(Prepared { n, head, weights, rest, median })
+}
+
+/// Lowers the weight of samples far from the sliding median in head space, and of what hangs on them towards the tip.
+fn distrust_outliers(head: &[DVec3], weights: &mut [f64], n: usize) {
+    let frames = head.len() / n;
+    let mut deviation = vec![0.0; head.len()];
+    let mut middles = vec![None; head.len()];
+    let mut scratch = Vec::new();
+    for i in 0..n {
+        for t in 0..frames {
+            if weights[t * n + i] == 0.0 {
+                continue;
+            }
+            let (from, to) = (t.saturating_sub(MEDIAN_HALF), (t + MEDIAN_HALF + 1).min(frames));
+            let near = (from..to).map(|s| s * n + i).filter(|&e| weights[e] > 0.0);
+            let middle = median_point(near.map(|e| head[e]), &mut scratch);
+            deviation[t * n + i] = middle.map_or(0.0, |m| m.distance(head[t * n + i]));
+            middles[t * n + i] = middle;
+        }
+    }
+    let original = weights.to_vec();
+    for i in 0..n {
+        scratch.clear();
+        scratch.extend((0..frames).map(|t| t * n + i).filter(|&e| original[e] > 0.0).map(|e| deviation[e]));
+        let Some(typical) = median(&mut scratch) else { continue };
+        for t in 0..frames {
+            // Where the strand accelerates the median lags; allow for what it moves itself.
+            let (before, after) = (t.saturating_sub(MEDIAN_HALF), (t + MEDIAN_HALF).min(frames - 1));
+            let motion = match (middles[before * n + i], middles[after * n + i]) {
+                (Some(a), Some(b)) => a.distance(b),
+                _ => 0.0,
+            };
+            let reach = OUTLIER * typical.max(OUTLIER_FLOOR_MM) + MOTION_SHARE * motion;
+            let ratio = (deviation[t * n + i] / reach).max(1.0);
+            weights[t * n + i] = if ratio > GONE { 0.0 } else { original[t * n + i] / ratio.powi(4) };
+        }
+    }
+}
+
+/// The middle value (upper of two); reorders its input.
+fn median(values: &mut [f64]) -> Option<f64> {
+    if values.is_empty() {
+        return None;
+    }
+    let middle = values.len() / 2;
+    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// The median by coordinate.
+fn median_point(points: impl Iterator<Item = DVec3> + Clone, scratch: &mut Vec<f64>) -> Option<DVec3> {
+    let mut out = [0.0; 3];
+    for (axis, slot) in out.iter_mut().enumerate() {
+        scratch.clear();
+        scratch.extend(points.clone().map(|p| p[axis]));
+        *slot = median(scratch)?;
+    }
+    Some(DVec3::from_array(out))
+}
+
+/// The time median of each particle in head space; particles never seen continue the strand by whole edges.
+fn median_shape(head: &[DVec3], weights: &[f64], n: usize, edge_mm: f64) -> Option<Vec<DVec3>> {
+    let frames = head.len() / n;
+    let mut scratch = Vec::new();
+    let seen: Vec<Option<DVec3>> = (0..n)
+        .map(|i| {
+            let of_particle = (0..frames).map(|t| t * n + i).filter(|&e| weights[e] > 0.0).map(|e| head[e]);
+            median_point(of_particle, &mut scratch)
+        })
+        .collect();
+    let first = seen.iter().position(Option::is_some)?;
+    let mut shape = vec![seen[first]?; n];
+    for i in first + 1..n {
+        let before = if i >= 2 { shape[i - 1] - shape[i - 2] } else { DVec3::ZERO };
+        let onward = before.try_normalize().unwrap_or(DVec3::NEG_Z) * edge_mm;
+        shape[i] = seen[i].unwrap_or(shape[i - 1] + onward);
+    }
+    for i in (0..first).rev() {
+        let onward = if i + 2 < n { shape[i + 1] - shape[i + 2] } else { DVec3::ZERO };
+        shape[i] = shape[i + 1] + onward.try_normalize().unwrap_or(DVec3::Z) * edge_mm;
+    }
+    Some(shape)
+}
+
+/// Weighted mean over frames of a quantity of `span + 1` consecutive particles from `i` on, with the sum of weights.
+fn over_frames(weights: &[f64], n: usize, i: usize, span: usize, value: impl Fn(usize) -> f64) -> (f64, f64) {
+    let (mut sum, mut total) = (0.0, 0.0);
+    for t in 0..weights.len() / n {
+        let base = t * n + i;
+        let w = weights[base..=base + span].iter().fold(1.0f64, |m, &w| m.min(w));
+        if w > 0.0 {
+            sum += w * value(base);
+            total += w;
+        }
+    }
+    (if total > 0.0 { sum / total } else { 0.0 }, total)
+}
+
+/// The rest shape from noisy samples.
+///
+/// Independent noise of σ lengthens squared distances by 6σ² on average; it is measured by third differences in time of
+/// the difference vectors themselves, so that noise shared by neighbours does not count. Signed volumes of
+/// tetrahedra are multilinear in the points, so their mean is unbiased as it is. Where edges hardly vary (strands grown by
+/// constant steps) noise only turned them and nothing is subtracted.
+fn rest_shape(head: &[DVec3], weights: &[f64], n: usize, median_shape: &[DVec3], edge_mm: f64) -> RestShape {
+    let frames = head.len() / n;
+    let mut edges: Vec<f64> = Vec::new();
+    for t in 0..frames {
+        for e in t * n..t * n + n - 1 {
+            if weights[e] > 0.0 && weights[e + 1] > 0.0 {
+                edges.push(head[e].distance(head[e + 1]));
+            }
+        }
+    }
+    let mean = edges.iter().sum::<f64>() / edges.len().max(1) as f64;
+    let spread = (edges.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / edges.len().max(1) as f64).sqrt();
+    let steady = !edges.is_empty() && spread < STEADY_EDGES * mean;
+    let edge = if steady { median(&mut edges).unwrap_or(edge_mm) } else { edge_mm };
+    let mut squares: [Vec<f64>; 3] = Default::default();
+    for order in 1..=3usize {
+        let noise = if steady { 0.0 } else { difference_noise(head, weights, n, order) };
+        for i in 0..n.saturating_sub(order) {
+            let (mean, total) = over_frames(weights, n, i, order, |e| head[e].distance_squared(head[e + order]));
+            let longest = (order as f64 * edge).powi(2);
+            let square =
+                if total > 0.0 { mean - noise } else { median_shape[i].distance_squared(median_shape[i + order]) };
+            // A strand bends within a radius of about its edge; less is noise.
+            let shortest = if order == 1 { longest } else { 0.15 * longest };
+            let square = if order == 1 && !steady { longest } else { square.clamp(shortest.min(longest), longest) };
+            squares[order - 1].push(square);
+        }
+    }
+    let epsilon = ALTITUDE_EPSILON * edge * edge;
+    let altitudes = (0..n.saturating_sub(3))
+        .map(|i| {
+            let volume = |e: usize| {
+                let (a, b, c, d) = (head[e], head[e + 1], head[e + 2], head[e + 3]);
+                (b - a).dot((c - a).cross(d - a))
+            };
+            let (volume, total) = over_frames(weights, n, i, 3, volume);
+            let volume = if total > 0.0 { volume } else { 0.0 };
+            let of = |order: usize, at: usize| squares[order - 1][at];
+            rest_altitudes(volume, [of(1, i), of(1, i + 1), of(1, i + 2)], [of(2, i), of(2, i + 1)], of(3, i), epsilon)
+        })
+        .collect();
+    let lengths = squares.map(|squares| squares.into_iter().map(f64::sqrt).collect());
+    RestShape { lengths, altitudes, epsilon }
+}
+
+/// The seven altitudes from six times the signed volume and the squared distances ab bc cd, ac bd, ad.
+fn rest_altitudes(volume: f64, [ab, bc, cd]: [f64; 3], [ac, bd]: [f64; 2], ad: f64, epsilon: f64) -> [f64; 7] {
+    // Squared area of a parallelogram from its sides and diagonal, and of crossed edges from their dot product.
+    let face = |p: f64, q: f64, between: f64| p * q - (0.5 * (p + q - between)).powi(2);
+    let crossed = |p: f64, q: f64, dot: f64| p * q - dot * dot;
+    let squares = [
+        face(bc, bd, cd),
+        face(ac, ad, cd),
+        face(ab, ad, bd),
+        face(ab, ac, bc),
+        crossed(ab, cd, 0.5 * (ad + bc - ac - bd)),
+        crossed(ac, bd, 0.5 * (ad + bc - ab - cd)),
+        crossed(ad, bc, 0.5 * (ac + bd - ab - cd)),
+    ];
+    // No volume can exceed that of the edges; noise in a straight strand must not make a height.
+    let bound = (ab * bc * cd).sqrt();
+    let volume = volume.clamp(-bound, bound);
+    squares.map(|square| volume / (square.max(0.0) + epsilon * epsilon).sqrt())
+}
+
+/// What noise adds to squared distances over `order` edges \[mm²\]: three times the variance per coordinate of the
+/// difference vectors, from their third differences in time (which are 20 variances).
+fn difference_noise(head: &[DVec3], weights: &[f64], n: usize, order: usize) -> f64 {
+    let frames = head.len() / n;
+    let (mut sum, mut count) = (0.0, 0.0);
+    for i in 0..n.saturating_sub(order) {
+        for t in 3..frames {
+            let all = (t - 3..=t).all(|s| weights[s * n + i] > 0.5 && weights[s * n + i + order] > 0.5);
+            if all {
+                let d = |s: usize| head[s * n + i + order] - head[s * n + i];
+                sum += (d(t) - 3.0 * d(t - 1) + 3.0 * d(t - 2) - d(t - 3)).length_squared() / 20.0;
+                count += 1.0;
+            }
+        }
+    }
+    if count > 0.0 { sum / count } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn altitudes_from_distances_match_those_from_points() {
+        let p = [DVec3::ZERO, DVec3::new(5.0, 0.0, 0.0), DVec3::new(8.0, 4.0, 0.0), DVec3::new(9.0, 6.0, 4.5)];
+        let direct = RestShape::from_positions(&p, 5.0);
+        let d = |a: usize, b: usize| p[a].distance_squared(p[b]);
+        let volume = (p[1] - p[0]).dot((p[2] - p[0]).cross(p[3] - p[0]));
+        let built = rest_altitudes(volume, [d(0, 1), d(1, 2), d(2, 3)], [d(0, 2), d(1, 3)], d(0, 3), direct.epsilon);
+        for (a, b) in built.iter().zip(&direct.altitudes[0]) {
+            assert!((a - b).abs() < 1e-12, "{a} {b}");
+        }
+    }
+}

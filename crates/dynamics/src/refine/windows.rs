@@ -1,0 +1,368 @@
+//! Windows over a bundle in lockstep: every lane fits its own strand, all lanes evaluate together.
+
+use glam::DVec3;
+
+use crate::{
+    kernels::Kernels,
+    lanes::{V3, zero3},
+    lbfgs::{Lbfgs, Limits, Stop},
+    params::{LaneParams, Params},
+    refine::{
+        RefineOptions, Refined, Take,
+        bundle::{Bundle, set},
+        clean::clean,
+        track::Prepared,
+    },
+    window::{WindowInput, WindowWorkspace},
+};
+
+/// Unit of the velocity variables \[mm/s\].
+const VELOCITY_UNIT: f64 = 100.0;
+/// A window that ends further from its start states than this share of the strand's length (root mean square) failed.
+const FAILED_SHARE: f64 = 0.3;
+
+/// Samples and their weights in lanes, shape (T, n).
+struct Samples<R> {
+    points: Vec<V3<R>>,
+    weights: Vec<f64>,
+}
+
+/// Refines the strands of one bundle.
+pub fn refine_bundle<R: Kernels>(lanes: &[&Prepared], take: &Take, options: &RefineOptions) -> Vec<Refined> {
+    let bundle = Bundle::<R>::new(lanes, take, options);
+    let (n, frames) = (bundle.n, bundle.frames);
+    let span = options.window_frames.min(frames.saturating_sub(1));
+    let mut workspace = WindowWorkspace::new(n, (span * options.substeps).max(options.substeps).max(1));
+    let cleaned = clean(&bundle, lanes, take, options, &mut workspace);
+    let mut x = cleaned.clone();
+    let mut states: Vec<LaneState> = lanes.iter().map(|_| LaneState::new(options)).collect();
+    let mut scratch = Vec::with_capacity(n);
+    if span > 0 && n > bundle.fixed {
+        let mut samples = samples_of(&bundle, lanes, take, &cleaned);
+        for _ in 0..options.outer_passes {
+            states.iter_mut().for_each(LaneState::begin_pass);
+            let average = pass_over(&bundle, &samples, &x, span, take, options, &mut states, &mut workspace);
+            x = average;
+            // Frame 0 is reached by no window.
+            x[..n].copy_from_slice(&cleaned[..n]);
+            if options.letter {
+                samples.points.copy_from_slice(&x);
+            } else {
+                for t in 0..frames {
+                    bundle.relax(t, &mut x[t * n..(t + 1) * n], &mut scratch, &mut workspace);
+                }
+            }
+        }
+    }
+    (0..lanes.len())
+        .map(|lane| {
+            let of_lane = |x: &[V3<R>]| -> Vec<DVec3> {
+                let m = bundle.counts[lane];
+                (0..frames * m).map(|e| bundle.get(&x[e / m * n + e % m], lane)).collect()
+            };
+            let cleaned = of_lane(&cleaned);
+            let mut points = of_lane(&x);
+            for (point, fallback) in points.iter_mut().zip(&cleaned) {
+                if !point.is_finite() {
+                    *point = *fallback;
+                }
+            }
+            Refined { points, cleaned, params: states[lane].mean_params(options), windows: states[lane].windows }
+        })
+        .collect()
+}
+
+/// Targets: the samples; where there is none, the cleaned position with weight zero.
+fn samples_of<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Take, cleaned: &[V3<R>]) -> Samples<R> {
+    let n = bundle.n;
+    let mut samples = Samples { points: cleaned.to_vec(), weights: vec![0.0; cleaned.len() * R::COUNT] };
+    for (lane, p) in lanes.iter().enumerate() {
+        for e in 0..bundle.frames * p.n {
+            let (t, i) = (e / p.n, e % p.n);
+            if p.weights[e] > 0.0 {
+                let world = take.world_from_head[t].point(p.head[e]);
+                set(&mut samples.points[t * n + i], lane, world - bundle.origins[lane]);
+                samples.weights[(t * n + i) * R::COUNT + lane] = p.weights[e];
+            }
+        }
+    }
+    samples
+}
+
+/// What one lane carries from window to window.
+struct LaneState {
+    theta: [f64; 6],
+    scale: Option<f64>,
+    sum: [f64; 6],
+    fitted: usize,
+    windows: [usize; 3],
+}
+
+impl LaneState {
+    fn new(options: &RefineOptions) -> Self {
+        Self { theta: options.start.to_log(), scale: None, sum: [0.0; 6], fitted: 0, windows: [0; 3] }
+    }
+
+    fn begin_pass(&mut self) {
+        (self.sum, self.fitted) = ([0.0; 6], 0);
+    }
+
+    fn mean_params(&self, options: &RefineOptions) -> Params {
+        if self.fitted == 0 { options.start } else { Params::from_log(&self.sum.map(|s| s / self.fitted as f64)) }
+    }
+}
+
+/// Fits all windows of one pass and averages what they predict, shape (T, n).
+#[allow(clippy::too_many_arguments)] // one pass over one bundle
+fn pass_over<R: Kernels>(
+    bundle: &Bundle<R>,
+    samples: &Samples<R>,
+    x: &[V3<R>],
+    span: usize,
+    take: &Take,
+    options: &RefineOptions,
+    states: &mut [LaneState],
+    workspace: &mut WindowWorkspace<R>,
+) -> Vec<V3<R>> {
+    let (n, frames) = (bundle.n, bundle.frames);
+    let mut sum = x.to_vec();
+    let mut count = vec![0.0; frames];
+    let mut window = Window::new(bundle, span);
+    for start in 0..frames - span {
+        window.begin(bundle, samples, x, start, take, options);
+        let failed = window.fit(bundle, start, options, states, workspace);
+        for frame in 1..=span {
+            let t = start + frame;
+            let simulated = workspace.positions(frame * options.substeps);
+            let first = count[t] == 0.0;
+            count[t] += 1.0;
+            for i in 0..n {
+                let mut point = simulated[i];
+                // A lane that failed keeps its start state.
+                for lane in 0..states.len() {
+                    if failed[lane] {
+                        let kept = bundle.get(&x[t * n + i], lane) - bundle.origins[lane];
+                        set(&mut point, lane, kept);
+                    }
+                }
+                let slot = &mut sum[t * n + i];
+                for axis in 0..3 {
+                    slot[axis] = if first { point[axis] } else { slot[axis] + point[axis] };
+                }
+            }
+        }
+    }
+    for t in 1..frames {
+        let share = R::splat(1.0 / f64::max(count[t], 1.0));
+        for slot in &mut sum[t * n..(t + 1) * n] {
+            *slot = slot.map(|axis| axis * share);
+        }
+    }
+    sum
+}
+
+/// The window that all lanes are in, with its buffers.
+struct Window<R> {
+    span: usize,
+    x0: Vec<V3<R>>,
+    v0: Vec<V3<R>>,
+    start_v: Vec<V3<R>>,
+    targets: Vec<V3<R>>,
+    weights: Vec<R>,
+    gradient: Vec<f64>,
+}
+
+impl<R: Kernels> Window<R> {
+    fn new(bundle: &Bundle<R>, span: usize) -> Self {
+        let n = bundle.n;
+        Self {
+            span,
+            x0: vec![zero3(); n],
+            v0: vec![zero3(); n],
+            start_v: vec![zero3(); n],
+            targets: vec![zero3(); span * n],
+            weights: vec![R::zero(); span * n],
+            gradient: Vec::new(),
+        }
+    }
+
+    /// Initial state, targets and weights of the window that starts in frame `start`.
+    fn begin(
+        &mut self,
+        bundle: &Bundle<R>,
+        samples: &Samples<R>,
+        x: &[V3<R>],
+        start: usize,
+        take: &Take,
+        options: &RefineOptions,
+    ) {
+        let n = bundle.n;
+        self.x0.copy_from_slice(&x[start * n..(start + 1) * n]);
+        let per_frame = R::splat(1.0 / take.frame_secs);
+        let (half, two, three) = (R::splat(0.5), R::splat(2.0), R::splat(1.5));
+        for i in 0..n {
+            for axis in 0..3 {
+                let at = |t: usize| x[t * n + i][axis];
+                let difference = if options.letter || bundle.frames < 3 {
+                    at(start + 1) - at(start)
+                } else if start == 0 {
+                    two * at(1) - three * at(0) - half * at(2)
+                } else {
+                    half * (at(start + 1) - at(start - 1))
+                };
+                self.start_v[i][axis] = per_frame * difference;
+            }
+        }
+        self.v0.copy_from_slice(&self.start_v);
+        self.targets.copy_from_slice(&samples.points[(start + 1) * n..(start + 1 + self.span) * n]);
+        // Aging weights by frame, normalised by the lane's total trust.
+        let aging = |frame: usize| (-0.5 * (frame as f64 / options.aging_frames).powi(2)).exp();
+        for lane in 0..R::COUNT {
+            let at = |frame: usize, i: usize| {
+                let e = (start + frame) * n + i;
+                aging(frame) * samples.weights[e * R::COUNT + lane]
+            };
+            let mut total = 0.0;
+            for frame in 1..=self.span {
+                total += (bundle.fixed..n).map(|i| at(frame, i)).sum::<f64>();
+            }
+            let norm = if total > 0.0 { 1.0 / total } else { 0.0 };
+            for frame in 1..=self.span {
+                for i in 0..n {
+                    self.weights[(frame - 1) * n + i].set(lane, norm * at(frame, i));
+                }
+            }
+        }
+    }
+
+    /// Fits every lane; leaves the best simulation in the workspace. Says which lanes failed.
+    fn fit(
+        &mut self,
+        bundle: &Bundle<R>,
+        start: usize,
+        options: &RefineOptions,
+        states: &mut [LaneState],
+        workspace: &mut WindowWorkspace<R>,
+    ) -> Vec<bool> {
+        let limits =
+            Limits { iterations: options.iterations, evaluations: options.evaluations, gradient: 1e-4, decrease: 1e-3 };
+        let centre = options.start.to_log();
+        let mut searches: Vec<Lbfgs> = states
+            .iter()
+            .enumerate()
+            .map(|(lane, state)| {
+                let free =
+                    if options.letter { 0 } else { 3 * (bundle.counts[lane] - bundle.fixed.min(bundle.counts[lane])) };
+                let mut x = state.theta.to_vec();
+                x.resize(6 + free, 0.0);
+                let bound = |sign: f64| {
+                    let mut b: Vec<f64> = centre.iter().map(|c| c + sign * options.log_range).collect();
+                    b.resize(6 + free, sign * f64::INFINITY);
+                    b
+                };
+                Lbfgs::new(x, bound(-1.0), bound(1.0), limits).with_scale(state.scale)
+            })
+            .collect();
+        let mut params = LaneParams::splat(&options.start);
+        while searches.iter().any(|s| s.stop().is_none()) {
+            for (lane, search) in searches.iter().enumerate() {
+                if let Some(x) = search.ask() {
+                    self.put_variables(bundle, lane, x, &mut params);
+                }
+            }
+            R::evaluate(&self.input(bundle, start, params, options), workspace);
+            for (lane, search) in searches.iter_mut().enumerate() {
+                let Some(x) = search.ask() else { continue };
+                let value = objective(bundle, workspace, lane, x, options, &mut self.gradient);
+                search.tell(value, &self.gradient);
+            }
+        }
+        for (lane, search) in searches.iter().enumerate() {
+            self.put_variables(bundle, lane, search.best().1, &mut params);
+        }
+        R::simulate(&self.input(bundle, start, params, options), workspace);
+        let failed: Vec<bool> = (0..states.len())
+            .map(|lane| searches[lane].stop() == Some(Stop::Failed) || self.strayed(bundle, workspace, lane, options))
+            .collect();
+        for (lane, state) in states.iter_mut().enumerate() {
+            if failed[lane] {
+                state.windows[2] += 1;
+                continue;
+            }
+            let search = &searches[lane];
+            state.theta.copy_from_slice(&search.best().1[..6]);
+            state.scale = search.scale();
+            (0..6).for_each(|a| state.sum[a] += state.theta[a]);
+            state.fitted += 1;
+            state.windows[usize::from(search.stop() != Some(Stop::Converged))] += 1;
+        }
+        failed
+    }
+
+    fn input<'a>(
+        &'a self,
+        bundle: &'a Bundle<R>,
+        start: usize,
+        params: LaneParams<R>,
+        options: &RefineOptions,
+    ) -> WindowInput<'a, R> {
+        WindowInput {
+            rest: &bundle.rest,
+            params,
+            constants: bundle.step,
+            substeps: options.substeps,
+            x0: &self.x0,
+            v0: &self.v0,
+            path: &bundle.path[start * bundle.fixed..(start + self.span + 1) * bundle.fixed],
+            targets: &self.targets,
+            weights: &self.weights,
+        }
+    }
+
+    /// Sets a lane's parameters and initial velocity from its variables.
+    fn put_variables(&mut self, bundle: &Bundle<R>, lane: usize, x: &[f64], params: &mut LaneParams<R>) {
+        let theta = [x[0], x[1], x[2], x[3], x[4], x[5]];
+        params.set(lane, &Params::from_log(&theta));
+        for (i, dv) in (bundle.fixed..).zip(x[6..].chunks_exact(3)) {
+            for axis in 0..3 {
+                let v = self.start_v[i][axis].get(lane) + VELOCITY_UNIT * dv[axis];
+                self.v0[i][axis].set(lane, v);
+            }
+        }
+    }
+
+    /// Whether a lane's simulation ended somewhere its samples cannot have meant.
+    fn strayed(&self, bundle: &Bundle<R>, w: &WindowWorkspace<R>, lane: usize, options: &RefineOptions) -> bool {
+        let count = bundle.counts[lane];
+        let end = w.positions(self.span * options.substeps);
+        let square: f64 =
+            (0..count).map(|i| bundle.get(&end[i], lane).distance_squared(bundle.get(&self.x0[i], lane))).sum();
+        let path = &bundle.get(&end[0], lane).distance(bundle.get(&self.x0[0], lane));
+        let length = options.edge_mm * count as f64;
+        let rms = (square / count as f64).sqrt();
+        !(rms < FAILED_SHARE * length + path + 20.0)
+    }
+}
+
+/// Value and gradient of one lane: mean squared distance plus the velocity prior.
+fn objective<R: Kernels>(
+    bundle: &Bundle<R>,
+    w: &WindowWorkspace<R>,
+    lane: usize,
+    x: &[f64],
+    options: &RefineOptions,
+    gradient: &mut Vec<f64>,
+) -> f64 {
+    let theta = [x[0], x[1], x[2], x[3], x[4], x[5]];
+    let by_params = w.by_params.map(|g| g.get(lane));
+    gradient.clear();
+    gradient.extend(Params::from_log(&theta).log_gradient(&by_params));
+    let mut value = w.value.get(lane);
+    for (i, dv) in (bundle.fixed..).zip(x[6..].chunks_exact(3)) {
+        for axis in 0..3 {
+            value += options.velocity_prior * dv[axis] * dv[axis];
+            gradient.push(VELOCITY_UNIT * w.by_v0[i][axis].get(lane) + 2.0 * options.velocity_prior * dv[axis]);
+        }
+    }
+    value
+}

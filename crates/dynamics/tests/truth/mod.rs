@@ -1,0 +1,161 @@
+//! Synthetic strands of known motion: simulated at a finer step under a shaken head, with dials for noise.
+#![allow(dead_code)] // each user takes its part
+
+use glam::{DMat3, DVec3};
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use strandflow_core::RigidTransform;
+use strandflow_dynamics::{
+    Forces, GRAVITY, Model, Params, RestShape, State, Workspace,
+    refine::{Refined, Track},
+    step,
+};
+
+/// Frame interval \[s\].
+pub const FRAME_SECS: f64 = 0.01;
+
+/// The rest shapes of the tables.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    Straight,
+    Wavy,
+    Helix,
+}
+
+impl Shape {
+    /// `n` particles 5 mm apart from the origin on, outward along +x.
+    pub fn points(self, n: usize) -> Vec<DVec3> {
+        let at = |s: f64| match self {
+            Self::Straight => DVec3::new(s, 0.0, 0.0),
+            Self::Wavy => DVec3::new(s, 0.0, 6.0 * (s / 50.0 * std::f64::consts::TAU).sin()),
+            Self::Helix => {
+                let turn = s / 35.0 * std::f64::consts::TAU;
+                DVec3::new(s, 8.0 * (turn.cos() - 1.0), 8.0 * turn.sin())
+            }
+        };
+        let mut points = vec![at(0.0)];
+        let mut s = 0.0;
+        while points.len() < n {
+            let last = points[points.len() - 1];
+            let (mut low, mut high) = (s, s + 5.0);
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                if at(middle).distance(last) < 5.0 { low = middle } else { high = middle }
+            }
+            s = high;
+            points.push(at(s));
+        }
+        points
+    }
+}
+
+/// A simulated strand under a shaken head.
+pub struct Truth {
+    pub n: usize,
+    pub world_from_head: Vec<RigidTransform>,
+    /// Shape (T, n).
+    pub points: Vec<DVec3>,
+}
+
+/// What the truth is simulated with.
+#[derive(Clone, Copy)]
+pub struct Scene {
+    pub shape: Shape,
+    pub n: usize,
+    pub frames: usize,
+    pub step_secs: f64,
+    /// Root mean square of an unmodelled wind \[mm/s\].
+    pub wind: f64,
+    pub seed: u64,
+}
+
+impl Default for Scene {
+    fn default() -> Self {
+        Self { shape: Shape::Helix, n: 40, frames: 60, step_secs: 5e-4, wind: 0.0, seed: 1 }
+    }
+}
+
+/// The head: ±46° about the vertical at 1.6 Hz.
+pub fn head_at(secs: f64) -> RigidTransform {
+    let angle = 46f64.to_radians() * (std::f64::consts::TAU * 1.6 * secs).sin();
+    RigidTransform { rotation: DMat3::from_rotation_z(angle), translation: DVec3::new(100.0, 0.0, 1500.0) }
+}
+
+/// A standard normal number.
+pub fn normal(rng: &mut Pcg64Mcg) -> f64 {
+    let (u, v): (f64, f64) = (rng.random::<f64>().max(1e-300), rng.random());
+    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+}
+
+/// Simulates a scene; the first half second settles the strand.
+pub fn truth(scene: &Scene) -> Truth {
+    let mut rng = Pcg64Mcg::seed_from_u64(scene.seed);
+    // The root sits 80 mm from the axis, pointing outward and somewhat up.
+    let turn = DMat3::from_rotation_y(-0.5);
+    let root = DVec3::new(80.0, 0.0, 0.0);
+    let rest: Vec<DVec3> = scene.shape.points(scene.n).iter().map(|p| turn * *p + root).collect();
+    let model = Model::new(RestShape::from_positions(&rest, 5.0), 3);
+    let params = Params { stiffness: [1.3e7, 1.5e5, 0.7e5, 1.5e4], drag: 4.0, ..Params::default() };
+    let params = Params { damping: params.stiffness.map(|k| 1e-3 * k), ..params };
+    let mut state = State::at_rest(&rest.iter().map(|p| head_at(0.0).point(*p)).collect::<Vec<_>>());
+    let mut workspace = Workspace::new(&model);
+    let per_frame = (FRAME_SECS / scene.step_secs).round() as usize;
+    let settle = 80 * per_frame;
+    let mut points = Vec::new();
+    let mut poses = Vec::new();
+    // Gusts: a slowly turning vector with a correlation time of 0.15 s.
+    let mut wind = DVec3::ZERO;
+    let (keep, push) = ((-scene.step_secs / 0.15).exp(), scene.wind / 3f64.sqrt());
+    let kick = push * (1.0 - keep * keep).sqrt();
+    for k in 0..settle + scene.frames * per_frame {
+        if k >= settle && (k - settle) % per_frame == 0 {
+            points.extend_from_slice(&state.x);
+            poses.push(head_at(k as f64 * scene.step_secs));
+        }
+        let head = head_at((k + 1) as f64 * scene.step_secs);
+        let target: Vec<DVec3> = rest[..3].iter().map(|p| head.point(*p)).collect();
+        wind = wind * keep + kick * DVec3::new(normal(&mut rng), normal(&mut rng), normal(&mut rng));
+        let push = vec![params.drag * wind; scene.n];
+        let forces = Forces { gravity: GRAVITY, acceleration: &push };
+        step(&model, &params, &mut state, &mut workspace, scene.step_secs, &target, &forces);
+    }
+    Truth { n: scene.n, world_from_head: poses, points }
+}
+
+/// The truth with independent noise of σ \[mm\] per coordinate.
+pub fn noisy(truth: &Truth, sigma: f64, seed: u64) -> Track {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x5eed);
+    let mut noise = || sigma * DVec3::new(normal(&mut rng), normal(&mut rng), normal(&mut rng));
+    let points: Vec<DVec3> = truth.points.iter().map(|p| *p + noise()).collect();
+    let weights = vec![1.0; points.len()];
+    Track { particle_count: truth.n, points, weights }
+}
+
+/// Mean distance \[mm\] over the samples that count.
+pub fn error(points: &[DVec3], truth: &Truth, counts: impl Fn(usize) -> bool) -> f64 {
+    let each: Vec<f64> =
+        (0..points.len()).filter(|&e| counts(e)).map(|e| points[e].distance(truth.points[e])).collect();
+    each.iter().sum::<f64>() / each.len().max(1) as f64
+}
+
+/// Mean length of the second difference in time \[mm\].
+pub fn jitter(points: &[DVec3], n: usize) -> f64 {
+    let each: Vec<f64> =
+        (2 * n..points.len()).map(|e| (points[e] - 2.0 * points[e - n] + points[e - 2 * n]).length()).collect();
+    each.iter().sum::<f64>() / each.len().max(1) as f64
+}
+
+/// Lengths over the frames \[mm\]: least, greatest, mean, standard deviation.
+pub fn lengths(points: &[DVec3], n: usize) -> [f64; 4] {
+    let each: Vec<f64> =
+        points.chunks_exact(n).map(|strand| strand.windows(2).map(|e| e[0].distance(e[1])).sum()).collect();
+    let mean = each.iter().sum::<f64>() / each.len() as f64;
+    let variance = each.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / each.len() as f64;
+    let (least, greatest) = each.iter().fold((f64::MAX, f64::MIN), |(a, b), &l| (a.min(l), b.max(l)));
+    [least, greatest, mean, variance.sqrt()]
+}
+
+/// Windows that failed.
+pub fn failures(refined: &Refined) -> usize {
+    refined.windows[2]
+}
