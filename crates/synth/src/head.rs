@@ -11,7 +11,7 @@ use strandflow_core::TriMesh;
 pub const CRANIUM: DVec3 = DVec3::new(0.0, 8.0, 18.0);
 
 /// Lower end of the neck in the head frame \[mm\].
-pub const NECK_END: f64 = -185.0;
+pub const NECK_END: f64 = -195.0;
 
 /// Signed distance to the head's surface \[mm\]: negative inside. Exact to first order near the surface.
 pub fn distance(p: DVec3) -> f64 {
@@ -96,7 +96,7 @@ fn ellipsoid(p: DVec3, radii: DVec3) -> f64 {
 }
 
 fn neck(p: DVec3) -> f64 {
-    const ROUND: f64 = 6.0;
+    const ROUND: f64 = 16.0;
     let radius = 50.0 + 0.10 * (-60.0 - p.z).max(0.0) - ROUND;
     let side = DVec2::new(p.x * 0.96, p.y - 14.0).length() - radius;
     let ends = (p.z + 40.0).max(NECK_END - p.z) + ROUND;

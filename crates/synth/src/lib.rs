@@ -18,6 +18,7 @@
 //! assert_eq!(scene.frame(0).strands.strand_count(), 50);
 //! ```
 
+mod check;
 mod follow;
 pub mod groom;
 pub mod head;
@@ -31,9 +32,11 @@ pub mod render;
 pub mod rig;
 pub mod scene;
 pub mod spec;
+mod studio;
 
+pub use check::SpecViolation;
 pub use groom::Groom;
 pub use render::{MarkerLabels, Picture};
 pub use scene::{FrameTruth, MARKER_COLOURS, MARKER_RADIUS_MM, Scene, generate};
-pub use spec::{GroomSpec, MotionSpec, NoiseSpec, PhysicsSpec, RigSpec, SpecViolation, Style, SynthSpec};
+pub use spec::{GroomSpec, MotionSpec, NoiseSpec, PhysicsSpec, RigSpec, Style, SynthSpec};
 pub use strandflow_dynamics::GRAVITY;

@@ -13,6 +13,9 @@ use crate::spec::SynthSpec;
 /// Drag while the hair settles before the capture \[1/s\].
 const SETTLING_DRAG: f64 = 25.0;
 
+/// Steps a frame while the hair settles: where it comes to rest does not depend on the step.
+const SETTLING_SUBSTEPS: usize = 4;
+
 /// Clamped particles of a strand, as in the fit.
 const CLAMPED: usize = 3;
 
@@ -54,7 +57,7 @@ pub(crate) fn simulate(spec: &SynthSpec, groom: &Groom) -> GuideMotion {
 
 fn simulate_guide(spec: &SynthSpec, rest: &[DVec3], layer: f64, first: i64, last: i64) -> Vec<Vec<DVec3>> {
     let physics = &spec.physics;
-    let dt = 1.0 / (spec.rig.fps * physics.substeps as f64);
+    let interval = |substeps: usize| 1.0 / (spec.rig.fps * substeps as f64);
     let model = Model::new(RestShape::from_positions(rest, spec.groom.edge_mm), CLAMPED);
     let params = |drag| Params {
         stiffness: physics.stiffness,
@@ -67,13 +70,14 @@ fn simulate_guide(spec: &SynthSpec, rest: &[DVec3], layer: f64, first: i64, last
     let start = pose(spec, first as f64);
     let world: Vec<DVec3> = rest.iter().map(|&p| start.point(p)).collect();
     let (mut state, mut workspace) = (State::at_rest(&world), Workspace::new(&model));
-    let mut advance = |state: &mut State, from: RigidTransform, to: RigidTransform, params: &Params| {
+    let mut advance = |state: &mut State, from: RigidTransform, to: RigidTransform, dt: f64, params: &Params| {
         let root: Vec<DVec3> = rest[..CLAMPED.min(rest.len())].iter().map(|&p| to.point(p)).collect();
         step(&model, params, state, &mut workspace, dt, &root, &Forces::default());
         collide(state, &from, &to, dt, &keep, physics.friction);
     };
+    let dt = interval(SETTLING_SUBSTEPS);
     for _ in 0..(physics.settle_secs / dt).round() as usize {
-        advance(&mut state, start, start, &params(SETTLING_DRAG));
+        advance(&mut state, start, start, dt, &params(SETTLING_DRAG));
     }
     let local = |state: &State, frame: f64| {
         let head_from_world = pose(spec, frame).inverse();
@@ -83,7 +87,7 @@ fn simulate_guide(spec: &SynthSpec, rest: &[DVec3], layer: f64, first: i64, last
     for frame in first..last {
         for s in 0..physics.substeps {
             let at = |s: usize| pose(spec, frame as f64 + s as f64 / physics.substeps as f64);
-            advance(&mut state, at(s), at(s + 1), &params(physics.drag));
+            advance(&mut state, at(s), at(s + 1), interval(physics.substeps), &params(physics.drag));
         }
         out.push(local(&state, frame as f64 + 1.0));
     }
@@ -93,20 +97,19 @@ fn simulate_guide(spec: &SynthSpec, rest: &[DVec3], layer: f64, first: i64, last
 /// Moves particles out to the height they keep, and takes away the speed into the head and some of that along it.
 fn collide(state: &mut State, from: &RigidTransform, to: &RigidTransform, dt: f64, keep: &[f64], friction: f64) {
     let head_from_world = to.inverse();
-    for k in CLAMPED.min(state.x.len())..state.x.len() {
-        let p = head_from_world.point(state.x[k]);
+    for ((x, v), &keep) in state.x.iter_mut().zip(&mut state.v).zip(keep).skip(CLAMPED) {
+        let p = head_from_world.point(*x);
         let d = distance(p);
-        if d >= keep[k] {
+        if d >= keep {
             continue;
         }
         let n = normal(p);
-        let pushed = p + n * (keep[k] - d);
         let out = to.vector(n);
         let skin = (to.point(p) - from.point(p)) / dt;
-        let relative = state.v[k] - skin;
-        let into = relative.dot(out).min(0.0);
-        let along = relative - out * relative.dot(out);
-        state.x[k] = to.point(pushed);
-        state.v[k] -= out * into + along * friction;
+        let relative = *v - skin;
+        let across = relative.dot(out);
+        let along = relative - out * across;
+        *x = to.point(p + n * (keep - d));
+        *v -= out * across.min(0.0) + along * (1.0 - (-friction * dt).exp());
     }
 }

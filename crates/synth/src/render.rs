@@ -2,13 +2,13 @@
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
-use strandflow_core::{Camera, Mask, Plane, RgbImage, RigidTransform};
+use strandflow_core::{Mask, Plane, RgbImage};
 
-use crate::light::{Density, Light, density_grid, fibre, lights};
+use crate::light::Light;
 use crate::picture::{careless, expose};
 use crate::raster::{BACKGROUND, Band, HAIR, MARKER, Vertex};
 use crate::scene::{MARKER_COLOURS, MARKER_RADIUS_MM, Scene};
-use crate::spec::Style;
+use crate::studio::{Lens, Lit};
 
 /// Rows of pixels that are rendered as one piece of work.
 const BAND_ROWS: usize = 8;
@@ -69,49 +69,6 @@ impl Scene {
     /// The hair mask that a user gives for a view, from its picture of frame 0: with the error of `noise.mask_px`.
     pub fn given_hair_mask(&self, view: usize, first: &Picture) -> Mask {
         careless(&self.spec, view, &first.hair)
-    }
-
-    /// Strands and head with the light that reaches them.
-    fn lit(&self, frame: f64) -> Lit {
-        let (strands, world_from_head) = self.moment(frame);
-        let density = Density::new(&self.spec, &strands, &self.head_opacity, density_grid(&self.spec));
-        let to_head = world_from_head.inverse();
-        let lights = lights();
-        let local: Vec<Vec3> = lights.iter().map(|l| to_head.vector(l.towards.as_dvec3()).as_vec3()).collect();
-        let reaching = |p: DVec3| -> [f32; 4] {
-            std::array::from_fn(|l| lights[l].strength * density.transmittance(p.as_vec3(), local[l]))
-        };
-        let pieces = if self.spec.groom.style == Style::Straight { 1 } else { 2 };
-        let fibres = strands
-            .par_iter()
-            .enumerate()
-            .map(|(i, strand)| {
-                let fine = rounded(strand, pieces);
-                // Light changes slowly along a strand: every second point is enough.
-                let light: Vec<[f32; 4]> = strand.iter().step_by(2).map(|&p| reaching(p)).collect();
-                Fibre {
-                    points: fine.iter().map(|&p| world_from_head.point(p)).collect(),
-                    light: (0..fine.len()).map(|k| between(&light, k, 2 * pieces)).collect(),
-                    colour: Vec3::from_array(self.spec.groom.colour.map(|c| c as f32))
-                        * self.groom.brightness[i] as f32,
-                    seed: crate::random::mix(self.spec.seed ^ (0xf1b3e + i as u64)),
-                }
-            })
-            .collect();
-        let normals: Vec<DVec3> = self.head.vertices.par_iter().map(|&v| crate::head::normal(v)).collect();
-        let skin = (0..self.head.vertices.len())
-            .into_par_iter()
-            .map(|v| {
-                let p = self.head.vertices[v];
-                let n = normals[v].as_vec3();
-                let light = reaching(p + normals[v] * 1.5);
-                let direct: f32 = (0..4).map(|l| light[l] * (0.85 * n.dot(local[l]) + 0.15).max(0.0)).sum();
-                let base =
-                    if crate::head::has_hair(p) { Vec3::new(0.25, 0.16, 0.11) } else { Vec3::new(0.95, 0.66, 0.50) };
-                (world_from_head.point(p), base * (0.62 * direct + 0.16))
-            })
-            .collect();
-        Lit { fibres, skin, world_from_head, lights }
     }
 
     fn picture(&self, view: usize, frame: usize, lit: &Lit) -> Picture {
@@ -214,21 +171,6 @@ impl Scene {
     }
 }
 
-/// Strands and head with the light that reaches them, before a camera looks.
-struct Lit {
-    fibres: Vec<Fibre>,
-    skin: Vec<(DVec3, Vec3)>,
-    world_from_head: RigidTransform,
-    lights: [Light; 4],
-}
-
-struct Fibre {
-    points: Vec<DVec3>,
-    light: Vec<[f32; 4]>,
-    colour: Vec3,
-    seed: u64,
-}
-
 /// The pixels of a band.
 #[derive(Default)]
 struct Resolved {
@@ -237,56 +179,6 @@ struct Resolved {
     subject: Vec<u8>,
     discs: Vec<usize>,
     seen: Vec<usize>,
-}
-
-struct Lens<'a> {
-    camera: &'a Camera,
-    ss: usize,
-}
-
-impl Lens<'_> {
-    fn vertex(&self, p: DVec3, colour: Vec3) -> Vertex {
-        let depth = self.camera.camera_from_world.point(p).z as f32;
-        let at = strandflow_geometry::project::project(self.camera, p).unwrap_or(DVec2::splat(-1e6)) * self.ss as f64;
-        Vertex { at: at.as_vec2(), depth, colour }
-    }
-
-    /// A bound of the width of all ribbons in samples.
-    fn width(&self, width_mm: f64, fibres: &[Fibre]) -> f32 {
-        let nearest = fibres
-            .iter()
-            .filter_map(|f| f.points.first())
-            .map(|&p| self.camera.camera_from_world.point(p).z)
-            .fold(f64::INFINITY, f64::min);
-        (width_mm * self.camera.focal[0] * self.ss as f64 / (nearest - 400.0).max(50.0)) as f32
-    }
-}
-
-impl Fibre {
-    /// The vertices in an image with the light they return towards it.
-    fn seen(&self, lens: &Lens, lights: &[Light; 4]) -> Vec<Vertex> {
-        let eye = lens.camera.centre_in_world();
-        let last = self.points.len() - 1;
-        (0..self.points.len())
-            .map(|k| {
-                let p = self.points[k];
-                let tangent =
-                    (self.points[(k + 1).min(last)] - self.points[k.saturating_sub(1)]).normalize_or(DVec3::Z);
-                let (t, v) = (tangent.as_vec3(), (eye - p).normalize().as_vec3());
-                let along =
-                    crate::random::smooth_noise(self.seed, DVec3::new(k as f64 / last.max(1) as f64 * 7.0, 0.5, 0.5));
-                let base = self.colour * (1.0 + 0.15 * along as f32);
-                let mut colour = Vec3::ZERO;
-                let mut reaching = 0.0;
-                for (light, &strength) in lights.iter().zip(&self.light[k]) {
-                    let (neutral, coloured) = fibre(t, light.towards, v);
-                    colour += (Vec3::splat(neutral) + base * coloured) * strength;
-                    reaching += strength;
-                }
-                lens.vertex(p, colour + base * (0.03 + 0.10 * reaching))
-            })
-            .collect()
-    }
 }
 
 /// For each band, the segments (strand, first vertex) that may touch it, in order.
@@ -319,32 +211,4 @@ fn binned_faces(faces: &[[u32; 3]], vertices: &[Vertex], bands: usize, rows: f32
 fn touched(low: f32, high: f32, rows: f32, bands: usize) -> std::ops::Range<usize> {
     let end = ((high / rows).floor() + 1.0).clamp(0.0, bands as f32) as usize;
     ((low / rows).floor().max(0.0) as usize).min(end)..end
-}
-
-/// A smooth curve through the points with `pieces` pieces an edge (Catmull and Rom 1974).
-fn rounded(points: &[DVec3], pieces: usize) -> Vec<DVec3> {
-    if pieces < 2 {
-        return points.to_vec();
-    }
-    let last = points.len() - 1;
-    let mut out = vec![points[0]];
-    for k in 0..last {
-        let (a, b, c, d) = (points[k.saturating_sub(1)], points[k], points[k + 1], points[(k + 2).min(last)]);
-        for s in 1..=pieces {
-            let t = s as f64 / pieces as f64;
-            let curve = b * 2.0
-                + (c - a) * t
-                + (a * 2.0 - b * 5.0 + c * 4.0 - d) * (t * t)
-                + (b * 3.0 - a - c * 3.0 + d) * (t * t * t);
-            out.push(curve * 0.5);
-        }
-    }
-    out
-}
-
-/// The value at fine point `k` between the values at the coarse points.
-fn between(values: &[[f32; 4]], k: usize, pieces: usize) -> [f32; 4] {
-    let (i, share) = ((k / pieces).min(values.len() - 1), (k % pieces) as f32 / pieces as f32);
-    let next = values[(i + 1).min(values.len() - 1)];
-    std::array::from_fn(|l| values[i][l] + (next[l] - values[i][l]) * share)
 }

@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3, Vec3};
 use strandflow_core::{Plane, Provenance, Rig, RigidTransform, Strands, TriMesh};
 use strandflow_geometry::project::project;
 
+use crate::check::SpecViolation;
 use crate::follow::Follow;
 use crate::groom::{Groom, groom};
 use crate::head::{self, CRANIUM, distance};
@@ -13,7 +14,7 @@ use crate::physics::{GuideMotion, simulate};
 use crate::picture::background;
 use crate::random::{normal, signed, stream};
 use crate::rig::{miscalibrated, rig};
-use crate::spec::{SpecViolation, SynthSpec};
+use crate::spec::SynthSpec;
 
 /// Radius of a marker ball \[mm\].
 pub const MARKER_RADIUS_MM: f64 = 4.8;
