@@ -1,0 +1,134 @@
+//! Scores in the images: masks, and 2D orientations.
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use strandflow_core::{Mask, Plane};
+
+use crate::raster::{NO_STRAND, StrandView};
+use crate::statistics::{Summary, share};
+
+/// A pixel is inside a mask from this value on.
+const INSIDE: u8 = 128;
+
+/// Intersection over union of the pixels inside; 1 where both are empty.
+pub fn mask_iou(found: &Mask, truth: &Mask) -> f64 {
+    let pairs = found.data.iter().zip(&truth.data).map(|(a, b)| (*a >= INSIDE, *b >= INSIDE));
+    let (both, either) = pairs.fold((0, 0), |(i, u), (a, b)| (i + usize::from(a && b), u + usize::from(a || b)));
+    if either == 0 { 1.0 } else { share(both, either) }
+}
+
+/// Intersection over union of one kind of mask over views and frames.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct MaskScores {
+    /// Per frame and view; the frames as given.
+    pub iou: Vec<Vec<f64>>,
+    /// Smallest.
+    pub min: f64,
+    /// Mean.
+    pub mean: f64,
+}
+
+/// Scores masks of shape (frames, views) against true ones of the same shape.
+pub fn evaluate_masks(found: &[Vec<&Mask>], truth: &[Vec<&Mask>]) -> MaskScores {
+    let iou: Vec<Vec<f64>> = found
+        .par_iter()
+        .zip(truth)
+        .map(|(found, truth)| found.iter().zip(truth).map(|(a, b)| mask_iou(a, b)).collect())
+        .collect();
+    mask_scores(iou)
+}
+
+/// The summary of ratios computed by [`mask_iou`] one by one, shape (frames, views).
+pub fn mask_scores(iou: Vec<Vec<f64>>) -> MaskScores {
+    let summary = Summary::of(iou.iter().flatten().copied());
+    MaskScores { min: summary.min, mean: summary.mean, iou }
+}
+
+/// 2D orientation errors \[degrees\], undirected.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct OrientationScores {
+    /// Over all pixels with a confidence above zero on which a true strand is nearest.
+    pub all: Summary,
+    /// Over the more confident half of them.
+    pub confident_half: Summary,
+    /// Means per view: all, more confident half.
+    pub per_view: Vec<(f64, f64)>,
+    /// Mean over the pixels weighted by confidence.
+    pub weighted_mean: f64,
+}
+
+/// Scores orientation maps, one a view: (angle \[rad\], confidence), against what each view truly sees.
+///
+/// The half is taken over the pixels of all views together for the totals and within each view for the views.
+pub fn evaluate_orientation(maps: &[(&Plane<f32>, &Plane<f32>)], truth: &[StrandView]) -> OrientationScores {
+    let views: Vec<Vec<(f32, f64)>> =
+        maps.par_iter().zip(truth).map(|((angle, confidence), view)| errors(angle, confidence, view)).collect();
+    let halves = |pixels: &[(f32, f64)]| {
+        let mut sorted = pixels.to_vec();
+        sorted.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let half = Summary::of(sorted[..sorted.len().div_ceil(2)].iter().map(|p| p.1));
+        (Summary::of(pixels.iter().map(|p| p.1)), half)
+    };
+    let pooled: Vec<(f32, f64)> = views.iter().flatten().copied().collect();
+    let (all, confident_half) = halves(&pooled);
+    let weight: f64 = pooled.iter().map(|p| f64::from(p.0)).sum();
+    let weighted: f64 = pooled.iter().map(|p| f64::from(p.0) * p.1).sum();
+    let per_view = views.iter().map(|v| halves(v)).map(|(all, half)| (all.mean, half.mean)).collect();
+    let weighted_mean = if weight > 0.0 { weighted / weight } else { 0.0 };
+    OrientationScores { all, confident_half, per_view, weighted_mean }
+}
+
+/// Agreement of strands with the orientation map of a view that had no part in their making, where there is no truth.
+///
+/// `drawn` is what that view would see of the strands; pixels count that both have.
+pub fn held_out_agreement(drawn: &StrandView, angle: &Plane<f32>, confidence: &Plane<f32>) -> OrientationScores {
+    evaluate_orientation(&[(angle, confidence)], std::slice::from_ref(drawn))
+}
+
+/// Confidence and error \[degrees\] of each pixel that has both.
+fn errors(angle: &Plane<f32>, confidence: &Plane<f32>, view: &StrandView) -> Vec<(f32, f64)> {
+    let pixels = angle.data.iter().zip(&confidence.data).zip(view.angle.data.iter().zip(&view.strand.data));
+    pixels
+        .filter(|((_, c), (_, n))| **c > 0.0 && **n != NO_STRAND)
+        .map(|((a, c), (b, _))| (*c, undirected_degrees(*a, *b)))
+        .collect()
+}
+
+/// Angle between two undirected image directions \[degrees, 0 to 90\].
+pub fn undirected_degrees(a: f32, b: f32) -> f64 {
+    let off = f64::from(a - b).to_degrees().rem_euclid(180.0);
+    off.min(180.0 - off)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shifted_square_has_the_known_ratio() {
+        let square =
+            |at: usize| Plane::from_fn(100, 100, |x, y| if (at..at + 40).contains(&x) && y < 40 { 255 } else { 0 });
+        let (a, b) = (square(10), square(20));
+        assert_eq!(mask_iou(&a, &a), 1.0);
+        assert!((mask_iou(&a, &b) - 30.0 / 50.0).abs() < 1e-12);
+        let scores = evaluate_masks(&[vec![&a, &a]], &[vec![&a, &b]]);
+        assert_eq!((scores.min, scores.mean), (0.6, 0.8));
+    }
+
+    #[test]
+    fn angles_wrap_and_confidence_chooses_the_half() {
+        assert!((undirected_degrees(0.02, 3.12) - 2.383).abs() < 0.01);
+        let view = StrandView {
+            depth: Plane::filled(10, 10, 1.0),
+            angle: Plane::filled(10, 10, 0.5),
+            strand: Plane::from_fn(10, 10, |x, _| if x < 8 { 1 } else { NO_STRAND }),
+        };
+        // Ten degrees off on the left half with high confidence, twenty on the right; beyond that no strand.
+        let angle = Plane::from_fn(10, 10, |x, _| 0.5 + if x < 4 { 10f32 } else { 20.0 }.to_radians());
+        let confidence = Plane::from_fn(10, 10, |x, _| if x < 4 { 0.9 } else { 0.2 });
+        let scores = evaluate_orientation(&[(&angle, &confidence)], &[view]);
+        assert!((scores.all.mean - 15.0).abs() < 1e-3 && (scores.confident_half.mean - 10.0).abs() < 1e-3);
+        assert_eq!(scores.all.count, 80);
+        assert!((scores.weighted_mean - (9.0 + 4.0) / 1.1).abs() < 1e-3);
+    }
+}
