@@ -183,8 +183,9 @@ struct Head {
 
 impl Head {
     fn new(input: &FieldInput) -> Self {
-        let voxel_mm = input.hull.grid.voxel_mm.max(2.0);
-        let distance = SignedDistance::from_mesh(input.scalp, voxel_mm, 4.0 * voxel_mm);
+        // A head's radius is 80 mm: trilinear samples 4 mm apart are right to 0.03 mm, and eight times faster than 2 mm.
+        let sample_mm = (2.0 * input.hull.grid.voxel_mm).clamp(1.0, 4.0);
+        let distance = SignedDistance::from_mesh(input.scalp, sample_mm, 3.0 * sample_mm);
         Self { distance, head_from_world: input.world_from_head.inverse() }
     }
 
@@ -258,11 +259,10 @@ impl<'a> BareView<'a> {
         if ![(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)].iter().all(|&(du, dv)| bare(du, dv)) {
             return false;
         }
-        let behind_skin = self.skin.behind(self.camera, point);
-        let behind_hull = self.hull.behind(self.camera, point);
-        match behind_skin {
+        let depth = depth(self.camera, point);
+        match self.skin.behind_at(pixel, depth) {
             Some(behind) => behind < 0.0,
-            None => behind_hull.is_some_and(|behind| f64::from(behind) < settings.bare_depth_mm),
+            None => self.hull.behind_at(pixel, depth).is_some_and(|behind| f64::from(behind) < settings.bare_depth_mm),
         }
     }
 }

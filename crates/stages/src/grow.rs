@@ -46,6 +46,9 @@ pub struct GrowSettings {
     pub max_turn_deg: f32,
     /// How much of the previous direction enters the next one, 0 to below 1, robust mode.
     pub inertia: f32,
+    /// Cosine between a step and the border's outward normal up to which the step is turned along the border instead of
+    /// leaving, robust mode: 0.7 keeps strands that graze the hull and ends those that meet the hair's lower edge.
+    pub slant: f32,
     /// Length over which a strand turns from the scalp's normal into the field \[mm\], robust mode.
     pub root_mm: f32,
 }
@@ -60,6 +63,7 @@ impl Default for GrowSettings {
             min_purity: 0.15,
             max_turn_deg: 40.0,
             inertia: 0.3,
+            slant: 0.7,
             root_mm: 6.0,
         }
     }
@@ -72,8 +76,8 @@ impl GrowSettings {
         let mut unless = |ok, field: &str, value: f64, range: &str, reason: &str| {
             SettingViolation::unless(ok, &mut found, (field, value), (range, reason));
         };
-        let [purity, turn, inertia, root] =
-            [self.min_purity, self.max_turn_deg, self.inertia, self.root_mm].map(f64::from);
+        let [purity, turn, inertia] = [self.min_purity, self.max_turn_deg, self.inertia].map(f64::from);
+        let [slant, root] = [self.slant, self.root_mm].map(f64::from);
         let (step, longest, shortest) = (self.step_mm, self.max_length_mm, self.min_length_mm);
         unless((0.1..=20.0).contains(&step), "grow.step_mm", step, "0.1..=20", "about a voxel");
         unless((step..=5000.0).contains(&longest), "grow.max_length_mm", longest, "step_mm..=5000", "hair is shorter");
@@ -88,6 +92,7 @@ impl GrowSettings {
         unless((0.0..1.0).contains(&purity), "grow.min_purity", purity, "0..1", "1 is a pure line");
         unless((1.0..=90.0).contains(&turn), "grow.max_turn_deg", turn, "1..=90", "beyond 90° a line turns back");
         unless((0.0..1.0).contains(&inertia), "grow.inertia", inertia, "0..1", "1 never turns");
+        unless((0.0..=1.0).contains(&slant), "grow.slant", slant, "0..=1", "a cosine");
         unless((0.0..=100.0).contains(&root), "grow.root_mm", root, "0..=100", "hair lies down within centimetres");
         found
     }
@@ -198,6 +203,27 @@ impl LineField<'_> {
     }
 }
 
+impl LineField<'_> {
+    /// Whether the voxel at a point belongs to the hair volume.
+    fn contains(&self, point: Vec3) -> bool {
+        let voxel = self.lookup.grid.continuous(point.as_dvec3()).floor().as_i64vec3();
+        self.lookup.rank_at(voxel.to_array()).is_some()
+    }
+
+    /// The direction towards the inside of the hair volume at its border: from the centre of the 5³ voxels around a point
+    /// to the centroid of those within.
+    fn inwards(&self, point: Vec3) -> Option<Vec3> {
+        let voxel = self.lookup.grid.continuous(point.as_dvec3()).floor().as_i64vec3();
+        let mut sum = Vec3::ZERO;
+        for [x, y, z] in (0..125i64).map(|i| [i % 5 - 2, i / 5 % 5 - 2, i / 25 - 2]) {
+            if self.lookup.rank_at([voxel.x + x, voxel.y + y, voxel.z + z]).is_some() {
+                sum += Vec3::new(x as f32, y as f32, z as f32);
+            }
+        }
+        sum.try_normalize()
+    }
+}
+
 struct Grower<'a> {
     field: LineField<'a>,
     mode: Mode,
@@ -228,7 +254,7 @@ impl Grower<'_> {
                 break;
             }
             let Some(next) = self.next_direction(at, direction, normal, arc, sample) else { break };
-            direction = next;
+            direction = self.kept_inside(at, next, arc);
             at += direction * step;
         }
         // The piece beyond the last point inside was only a hope.
@@ -237,6 +263,23 @@ impl Grower<'_> {
             strand.truncate(0);
         }
         strand
+    }
+
+    /// A step that would leave the hair volume at a slant is turned along its border (scalp or hull: hair neither enters the
+    /// head nor leaves the hull); one that leaves it straight is left alone: there the hair ends.
+    fn kept_inside(&self, at: Vec3, direction: Vec3, arc: f32) -> Vec3 {
+        let step = self.settings.step_mm as f32;
+        let leaves = |d: Vec3| !self.field.contains(at + d * step);
+        if self.mode == Mode::Paper || arc < self.settings.root_mm || !leaves(direction) {
+            return direction;
+        }
+        let Some(inwards) = self.field.inwards(at + direction * step) else { return direction };
+        let lean = -direction.dot(inwards);
+        if lean > self.settings.slant {
+            return direction;
+        }
+        let pushes = [0.1, 0.4, 0.8].map(|push| (direction + inwards * (lean.max(0.0) + push)).normalize_or(direction));
+        pushes.into_iter().find(|&d| !leaves(d)).unwrap_or(direction)
     }
 
     /// The direction towards which a line is turned. Close to the root, where the normal is across the lines and does not

@@ -12,7 +12,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Camera, Mask, Occupancy, Place, Plane, Report, Rig, SparseVoxels};
-use strandflow_geometry::project::{plane_normal, project};
+use strandflow_geometry::project::{depth, plane_normal, project};
 use strandflow_volume::{
     tensor::Tensor,
     visibility::{DepthMap, surface_voxels},
@@ -130,6 +130,7 @@ fn band_mm(mode: Mode, settings: &LiftSettings, voxel_mm: f64) -> f32 {
 /// One view: its planes, and what it sees of the hull.
 struct View<'a> {
     camera: &'a Camera,
+    centre: Vec3,
     /// Unit plane normal, zero where there is no orientation; and its confidence.
     planes: Plane<(Vec3, f32)>,
     depth: DepthMap,
@@ -147,7 +148,7 @@ impl<'a> View<'a> {
             let direction = glam::DVec2::from_angle(f64::from(map.angle[(x, y)]));
             (plane_normal(camera, pixel, direction).as_vec3(), confidence)
         });
-        Self { camera, planes, depth: DepthMap::of_voxels(camera, &input.hull.grid, surface) }
+        Self { camera, centre: camera.centre_in_world().as_vec3(), planes, depth: DepthMap::of_voxels(camera, &input.hull.grid, surface) }
     }
 }
 
@@ -199,14 +200,14 @@ impl Lifter<'_> {
         let pixel = project(view.camera, point)?;
         let &(normal, confidence) = view.planes.at_point(pixel.x, pixel.y)?;
         (confidence >= self.settings.min_confidence).then_some(())?;
-        let behind = view.depth.behind(view.camera, point)?;
+        let behind = view.depth.behind_at(pixel, depth(view.camera, point))?;
         (behind <= self.band_mm).then_some(())?;
         // A view that looks through more of the hull than others sees the surface at a more grazing angle.
         let slant = match self.mode {
             Mode::Paper => 1.0,
             Mode::Robust => (4.0 / (4.0 + behind.max(0.0))).powi(2),
         };
-        let towards_camera = (view.camera.centre_in_world() - point).normalize().as_vec3();
+        let towards_camera = (view.centre - point.as_vec3()).normalize();
         Some(Vote { normal, towards_camera, weight: confidence * slant, confidence })
     }
 

@@ -5,11 +5,11 @@
 //! direction of a voxel is the weighted mean of its strands, in turns. Reference: Zhang et al. 2012, section 4; Wang et
 //! al. 2009 (the weighting).
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Camera, Grid, Occupancy, Place, Report, Rig, Strands};
-use strandflow_geometry::project::{project, project_direction};
+use strandflow_geometry::project::{depth, project, project_direction};
 use strandflow_volume::{
     tensor::Tensor,
     visibility::{DepthMap, surface_voxels},
@@ -140,75 +140,76 @@ fn too_short(strands: &Strands, n: usize, points: usize, settings: &PruneSetting
 
 /// How many points of each strand stand the comparison with the images, from the root on.
 fn against_images(input: &PruneInput, mode: Mode, settings: &PruneSettings) -> Vec<usize> {
-    let surface = surface_voxels(input.hull);
     let grid = &input.hull.grid;
-    let depths: Vec<DepthMap> =
-        input.rig.cameras.par_iter().map(|c| first_depth(c, grid, &surface, input.strands)).collect();
+    let (surface, dense) = (surface_voxels(input.hull), dense_voxels(grid, input.strands));
+    let views: Vec<View> = (0..input.rig.view_count())
+        .into_par_iter()
+        .map(|view| View::new(&input.rig.cameras[view], input.maps[view], grid, [&surface, &dense]))
+        .collect();
     let count_kept = |n: usize| {
         let points = input.strands.strand(n);
-        let votes: Vec<(f32, f32)> = (0..points.len()).map(|i| error_at(input, &depths, points, i, settings)).collect();
+        let votes: Vec<(f32, f32)> = (0..points.len()).map(|i| error_at(&views, points, i, settings)).collect();
         match mode {
-            Mode::Paper => {
-                if mean(&votes) > settings.max_error_deg.to_radians() {
-                    0
-                } else {
-                    points.len()
-                }
-            }
+            Mode::Paper if mean(&votes) > settings.max_error_deg.to_radians() => 0,
+            Mode::Paper => points.len(),
             Mode::Robust => good_until(points, &votes, settings),
         }
     };
     (0..input.strands.strand_count()).into_par_iter().map(count_kept).collect()
 }
 
-/// The first surface of the strands themselves, where there are any; the hull is larger than the hair.
-fn first_depth(camera: &Camera, grid: &Grid, surface: &[u32], strands: &Strands) -> DepthMap {
-    let mut counts = std::collections::BTreeMap::<u32, u32>::new();
-    for point in &strands.points {
-        if let Some(voxel) = grid.voxel_at(point.as_dvec3()) {
-            *counts.entry(grid.index(voxel) as u32).or_default() += 1;
-        }
+/// The voxels that hold two points or more, rising: a single strand does not hide what lies behind it.
+fn dense_voxels(grid: &Grid, strands: &Strands) -> Vec<u32> {
+    let mut counts = vec![0u8; grid.len()];
+    for voxel in strands.points.iter().filter_map(|point| grid.voxel_at(point.as_dvec3())) {
+        let count = &mut counts[grid.index(voxel)];
+        *count = count.saturating_add(1);
     }
-    // A single strand does not hide what lies behind it.
-    let voxels: Vec<u32> = counts.into_iter().filter(|&(_, count)| count >= 2).map(|(voxel, _)| voxel).collect();
-    let mut map = DepthMap::of_voxels(camera, grid, &voxels);
-    let hull = DepthMap::of_voxels(camera, grid, surface);
-    for (depth, hull) in map.depth.data.iter_mut().zip(&hull.depth.data) {
-        if !depth.is_finite() {
-            *depth = *hull;
+    (0..grid.len() as u32).filter(|&voxel| counts[voxel as usize] >= 2).collect()
+}
+
+/// One view: its orientations, and what it sees first.
+struct View<'a> {
+    camera: &'a Camera,
+    centre: Vec3,
+    map: &'a OrientationMap,
+    depth: DepthMap,
+}
+
+impl<'a> View<'a> {
+    /// What is seen first is the surface of the strands themselves (`dense`) where there are any, since the hull is larger
+    /// than the hair, and else that of the hull.
+    fn new(camera: &'a Camera, map: &'a OrientationMap, grid: &Grid, [surface, dense]: [&[u32]; 2]) -> Self {
+        let mut depth = DepthMap::of_voxels(camera, grid, dense);
+        let hull = DepthMap::of_voxels(camera, grid, surface);
+        for (first, hull) in depth.depth.data.iter_mut().zip(&hull.depth.data).filter(|(first, _)| !first.is_finite()) {
+            *first = *hull;
         }
+        Self { camera, centre: camera.centre_in_world().as_vec3(), map, depth }
     }
-    map
+
+    /// Angle between a tangent at a point and the orientation there, and its weight; `None` where the view says nothing.
+    fn error(&self, point: Vec3, tangent: Vec3, visible_mm: f32) -> Option<(f32, f32)> {
+        let at = point.as_dvec3();
+        let pixel = project(self.camera, at)?;
+        let &confidence = self.map.confidence.at_point(pixel.x, pixel.y)?;
+        let seen = self.depth.behind_at(pixel, depth(self.camera, at)).is_some_and(|behind| behind <= visible_mm);
+        (confidence > 0.0 && seen).then_some(())?;
+        let direction = project_direction(self.camera, at, tangent.as_dvec3())?.as_vec2();
+        let &angle = self.map.angle.at_point(pixel.x, pixel.y)?;
+        // A strand that points at the camera has no sure direction in the image.
+        let towards = (self.centre - point).normalize();
+        let cosine = direction.dot(Vec2::from_angle(angle)).abs().min(1.0);
+        Some((cosine.acos(), confidence * (1.0 - towards.dot(tangent).powi(2))))
+    }
 }
 
 /// Weighted sum of the angles between a strand at one of its points and the orientations in the views that see it, and
 /// the sum of the weights.
-fn error_at(
-    input: &PruneInput,
-    depths: &[DepthMap],
-    points: &[Vec3],
-    i: usize,
-    settings: &PruneSettings,
-) -> (f32, f32) {
+fn error_at(views: &[View], points: &[Vec3], i: usize, settings: &PruneSettings) -> (f32, f32) {
     let tangent = tangent(points, i);
-    let point = points[i].as_dvec3();
-    let (mut sum, mut weight) = (0.0, 0.0);
-    for (view, camera) in input.rig.cameras.iter().enumerate() {
-        let Some(pixel) = project(camera, point) else { continue };
-        let Some(&confidence) = input.maps[view].confidence.at_point(pixel.x, pixel.y) else { continue };
-        let seen = depths[view].behind(camera, point).is_some_and(|behind| behind <= settings.visible_mm);
-        if confidence <= 0.0 || !seen {
-            continue;
-        }
-        let Some(direction) = project_direction(camera, point, tangent.as_dvec3()) else { continue };
-        let Some(&angle) = input.maps[view].angle.at_point(pixel.x, pixel.y) else { continue };
-        let towards = (camera.centre_in_world() - point).normalize().as_vec3();
-        let share = confidence * (1.0 - towards.dot(tangent).powi(2));
-        let cosine = direction.as_vec2().dot(glam::Vec2::from_angle(angle)).abs().min(1.0);
-        sum += share * cosine.acos();
-        weight += share;
-    }
-    (sum, weight)
+    let errors = views.iter().filter_map(|view| view.error(points[i], tangent, settings.visible_mm));
+    errors.fold((0.0, 0.0), |(sum, weight), (angle, share)| (sum + share * angle, weight + share))
 }
 
 fn tangent(points: &[Vec3], i: usize) -> Vec3 {

@@ -1,6 +1,6 @@
 //! What each view sees first: depth maps of sets of voxels, by splatting them into a z-buffer.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use strandflow_core::{Camera, Grid, Occupancy, Plane};
 use strandflow_geometry::project::{depth, project};
 
@@ -25,9 +25,14 @@ impl DepthMap {
     /// How far a world point lies behind the first surface along its viewing ray \[mm\] (negative in front of it);
     /// `None` where the view shows nothing of the set or the point lies outside the image.
     pub fn behind(&self, camera: &Camera, point: DVec3) -> Option<f32> {
-        let pixel = project(camera, point)?;
+        self.behind_at(project(camera, point)?, depth(camera, point))
+    }
+
+    /// The same for a point whose pixel and depth are known already.
+    #[inline]
+    pub fn behind_at(&self, pixel: DVec2, depth: f64) -> Option<f32> {
         let first = *self.depth.at_point(pixel.x, pixel.y)?;
-        first.is_finite().then(|| depth(camera, point) as f32 - first)
+        first.is_finite().then(|| depth as f32 - first)
     }
 }
 
