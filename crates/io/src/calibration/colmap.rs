@@ -156,7 +156,7 @@ mod tests {
         let binary = crate::read_calibration(&data("colmap_binary"), Some(1000.0)).unwrap();
         // Expected by numpy: K (R x + t), x in metres.
         let expected =
-            [[343.717_277_560_661_8, 202.791_436_519_036_8], [326.106_052_683_516_6, 203.025_592_775_872_07]];
+            [[343.717_277_560_661_8, 202.791_436_519_036_8], [326.106_052_683_516_6, 203.025_592_777_205_87]];
         for rig in [json.rig, text.rig, binary.rig] {
             assert_eq!(rig.view_count(), 2);
             for (camera, uv) in rig.cameras.iter().zip(expected) {

@@ -1,0 +1,71 @@
+//! USD as text (`.usda`). Attributes one after the other: each pass over the frames writes one attribute's samples.
+
+use std::{
+    fmt::Display,
+    fs::File,
+    io::{BufWriter, Result, Write},
+    path::Path,
+};
+
+use glam::Vec3;
+
+use super::{Sample, Scene, extent};
+use crate::IoError;
+
+pub(super) fn write(path: &Path, scene: &Scene) -> std::result::Result<(), IoError> {
+    let file = File::create(path).map_err(IoError::writing(path))?;
+    let mut out = BufWriter::new(file);
+    write_to(&mut out, scene).and_then(|()| out.flush()).map_err(IoError::writing(path))
+}
+
+fn write_to(out: &mut impl Write, scene: &Scene) -> Result<()> {
+    let times = scene.times();
+    let (first, last) = (times.first().copied().unwrap_or(0.0), times.last().copied().unwrap_or(0.0));
+    let (fps, width) = (scene.options.fps, scene.options.width_mm);
+    write!(
+        out,
+        "#usda 1.0\n(\n    defaultPrim = \"hair\"\n    endTimeCode = {last}\n    framesPerSecond = {fps}\n    \
+         metersPerUnit = 0.001\n    startTimeCode = {first}\n    timeCodesPerSecond = {fps}\n    upAxis = \"Z\"\n)\n\n\
+         def Xform \"hair\"\n{{\n    def BasisCurves \"strands\"\n    {{\n"
+    )?;
+    writeln!(out, "        uniform token type = \"linear\"\n        uniform token wrap = \"nonperiodic\"")?;
+    writeln!(out, "        int[] curveVertexCounts = [{}]", list(scene.curves.counts()))?;
+    writeln!(out, "        float[] widths = [{width}] (\n            interpolation = \"constant\"\n        )")?;
+    let ids = list(&scene.curves.strands);
+    writeln!(out, "        int[] primvars:strand = [{ids}] (\n            interpolation = \"uniform\"\n        )")?;
+    samples(out, scene, "float3[] extent", "", |sample| points_text(&extent(&sample.points, width)))?;
+    samples(out, scene, "point3f[] points", "", |sample| points_text(&sample.points))?;
+    if scene.options.velocities {
+        samples(out, scene, "vector3f[] velocities", "", |sample| points_text(&sample.velocities))?;
+    }
+    let vertex = " (\n            interpolation = \"vertex\"\n        )";
+    samples(out, scene, "int[] primvars:provenance", vertex, |sample| list(&sample.provenance))?;
+    samples(out, scene, "float[] primvars:confidence", vertex, |sample| list(&sample.confidence))?;
+    writeln!(out, "    }}\n}}")
+}
+
+/// An attribute with a value per frame; metadata belongs to its declaration, samples to a line of their own.
+fn samples(
+    out: &mut impl Write,
+    scene: &Scene,
+    what: &str,
+    metadata: &str,
+    text: impl Fn(&Sample) -> String,
+) -> Result<()> {
+    if !metadata.is_empty() {
+        writeln!(out, "        {what}{metadata}")?;
+    }
+    writeln!(out, "        {what}.timeSamples = {{")?;
+    for (t, time) in scene.times().into_iter().enumerate() {
+        writeln!(out, "            {time}: [{}],", text(&scene.sample(t)))?;
+    }
+    writeln!(out, "        }}")
+}
+
+fn list<T: Display>(values: impl IntoIterator<Item = T>) -> String {
+    values.into_iter().map(|value| value.to_string()).collect::<Vec<_>>().join(", ")
+}
+
+fn points_text(points: &[Vec3]) -> String {
+    list(points.iter().map(|p| format!("({}, {}, {})", p.x, p.y, p.z)))
+}
