@@ -4,9 +4,10 @@ use serde::{Deserialize, Serialize};
 use strandflow_core::{Mask, Place, Plane, Report, RgbImage};
 use strandflow_image::{
     appearance::{Appearance, features},
-    filter::{gaussian, halved},
+    filter::{gaussian_where, halved},
     flow::{Flow, FlowOptions, flow},
     matte::{MatteOptions, from_plate},
+    morph::eroded,
     region::Region,
 };
 
@@ -63,8 +64,12 @@ pub struct MasksSettings {
     pub border_px: usize,
     /// Weight of appearance against the mask carried by flow (0: flow alone).
     pub appearance_weight: f32,
+    /// Log likelihood ratio below which appearance is silent.
+    pub appearance_dead_zone: f32,
     /// Sigma over which appearance is averaged \[px\].
     pub appearance_px: f32,
+    /// Sigma over which texture is measured \[px\].
+    pub texture_px: f32,
 }
 
 impl Default for MasksSettings {
@@ -76,7 +81,9 @@ impl Default for MasksSettings {
             shadow: 0.06,
             border_px: 6,
             appearance_weight: 1.0,
+            appearance_dead_zone: 1.0,
             appearance_px: 0.8,
+            texture_px: 2.0,
         }
     }
 }
@@ -91,7 +98,9 @@ impl MasksSettings {
             ("shadow", self.shadow, 0.0, 0.9),
             ("border_px", self.border_px as f32, 1.0, 64.0),
             ("appearance_weight", self.appearance_weight, 0.0, 100.0),
+            ("appearance_dead_zone", self.appearance_dead_zone, 0.0, 20.0),
             ("appearance_px", self.appearance_px, 0.0, 20.0),
+            ("texture_px", self.texture_px, 0.5, 20.0),
         ] {
             let range = format!("{low}..={high}");
             let ok = (low..=high).contains(&value);
@@ -185,32 +194,79 @@ fn decided_hair(
     (key_image, key_hair): (&RgbImage, &Mask),
     settings: &MasksSettings,
 ) -> Mask {
-    let prior = match carried {
-        Some(carried) => carried,
-        None => key_hair.clone(),
-    };
+    let prior = carried.unwrap_or_else(|| key_hair.clone());
     let key_subject = from_plate(key_image, input.plate, &matte_options(settings));
-    let sigma = settings.appearance_px;
-    let model = Appearance::learn(&features(key_image, sigma), |i| {
-        let (hair, subject) = (f32::from(key_hair.data[i]) / 255.0, f32::from(key_subject.data[i]) / 255.0);
-        (hair, (subject - hair).max(0.0))
+    let (Some(key_region), Some(region)) = (around(&key_subject), around(subject)) else {
+        return within(&prior, subject);
+    };
+    let look = |image: &RgbImage, region: Region| {
+        features(&region.crop(image, |&c| c), settings.appearance_px, settings.texture_px)
+    };
+    let key_hair = key_region.crop(key_hair, |&m| f32::from(m) / 255.0);
+    let key_core = core(&key_region.crop(&key_subject, |&m| m));
+    // Mixtures teach nothing: only the core of the subject is learnt from, and as "not hair" only what is wider than the
+    // gaps between strands.
+    let not_hair = eroded(&key_hair.map(|&h| h < 0.3), 1);
+    let model = Appearance::learn(&look(key_image, key_region), |i| {
+        if key_core.data[i] { (key_hair.data[i], f32::from(u8::from(not_hair.data[i]))) } else { (0.0, 0.0) }
     });
     let Some(model) = model else { return within(&prior, subject) };
-    let ratio = gaussian(&model.log_ratio(&features(input.image, sigma)), sigma);
-    let prior_wide = gaussian(&prior.map(|&m| f32::from(m) / 255.0), 1.0);
-    let data = (0..subject.data.len())
-        .map(|i| {
-            let inside = f32::from(subject.data[i]) / 255.0;
-            if inside == 0.0 {
-                return 0;
-            }
-            // Share of the subject that was hair where this pixel came from, softened: flow is never certain.
-            let p = (prior_wide.data[i] / inside.max(0.3)).clamp(0.04, 0.96);
-            let logit = (p / (1.0 - p)).ln() + settings.appearance_weight * ratio.data[i].clamp(-4.0, 4.0);
-            (255.0 * inside / (1.0 + (-2.0 * logit).exp())).round() as u8
-        })
-        .collect();
-    Plane { data, ..*subject }
+    let coverage = region.crop(subject, |&m| f32::from(m) / 255.0);
+    let inside = core(&region.crop(subject, |&m| m));
+    let prior = region.crop(&prior, |&m| f32::from(m) / 255.0);
+    let (colour, texture) = model.log_ratio(&look(input.image, region));
+    let share = hair_share(&prior, &coverage, &inside, (&colour, &texture), settings);
+    let covered = |(s, c): (&f32, &f32)| (255.0 * s * c).round() as u8;
+    let data = share.data.iter().zip(&coverage.data).map(covered).collect();
+    let hair = Plane { width: share.width, height: share.height, data };
+    let mut mask = empty(input.image);
+    region.paste(&hair, &mut mask);
+    mask
+}
+
+/// The share of hair in the subject at every pixel, 0 to 1: flow prior and appearance in the core, its continuation in
+/// the soft border, where colours are mixed with the plate.
+fn hair_share(
+    prior: &Plane<f32>,
+    coverage: &Plane<f32>,
+    inside: &Plane<bool>,
+    (colour, texture): (&Plane<f32>, &Plane<f32>),
+    settings: &MasksSettings,
+) -> Plane<f32> {
+    let core = inside.map(|&m| if m { 1.0 } else { 0.0 });
+    let colour = gaussian_where(colour, &core, settings.appearance_px);
+    let decide = |i: usize| {
+        if !inside.data[i] {
+            return 0.0;
+        }
+        let p = (prior.data[i] / coverage.data[i].max(0.3)).clamp(0.04, 0.96);
+        let look = colour.data[i].clamp(-4.0, 4.0) + 0.5 * texture.data[i].clamp(-2.0, 2.0);
+        // The same look comes again in every frame: mild evidence must not add up against the flow.
+        let strong = look.signum() * (look.abs() - settings.appearance_dead_zone).max(0.0);
+        let logit = (p / (1.0 - p)).ln() + settings.appearance_weight * strong;
+        1.0 / (1.0 + (-logit).exp())
+    };
+    let mut share = Plane { data: (0..coverage.data.len()).map(decide).collect(), ..*coverage };
+    let (near, far) = (gaussian_where(&share, &core, 2.0), gaussian_where(&share, &core, 6.0));
+    for i in 0..share.data.len() {
+        if !inside.data[i] && coverage.data[i] > 0.0 {
+            // Too far from any core (a flying wisp): what flow says.
+            let flown = (prior.data[i] / coverage.data[i].max(0.3)).min(1.0);
+            let continued = if near.data[i] > 0.0 { near.data[i] } else { far.data[i] };
+            share.data[i] = continued.max(flown);
+        }
+    }
+    share
+}
+
+/// The subject's surroundings.
+fn around(subject: &Mask) -> Option<Region> {
+    Some(Region::bounding(subject, |&m| m > 0)?.grown(8, subject.width, subject.height))
+}
+
+/// Pixels whose neighbourhood is all subject: no mixture with the plate.
+fn core(subject: &Mask) -> Plane<bool> {
+    eroded(&subject.map(|&m| m >= 230), 1)
 }
 
 fn check_sizes(input: &MasksInput) -> Result<(), StageError> {

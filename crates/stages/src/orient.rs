@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use strandflow_core::{Mask, Place, Plane, Report, RgbImage};
 use strandflow_image::{
     colour::luma_of,
-    filter::gaussian_where,
+    filter::{gaussian, gaussian_where},
     gabor::{OrientationEnergy, add_energy},
     pool::{along_lines, isotropic},
     region::Region,
@@ -39,6 +39,8 @@ pub struct OrientSettings {
     pub pool_px: f32,
     /// Sigma of pooling along the strands \[px\].
     pub pool_along_px: f32,
+    /// Sigma of the surroundings that decide where a pixel's own texture says little \[px\]; 0: none.
+    pub support_px: f32,
 }
 
 impl Default for OrientSettings {
@@ -48,8 +50,9 @@ impl Default for OrientSettings {
             orientations: 32,
             highpass_px: 6.0,
             noise_codes: 4.0,
-            pool_px: 2.5,
-            pool_along_px: 8.0,
+            pool_px: 3.5,
+            pool_along_px: 10.0,
+            support_px: 8.0,
         }
     }
 }
@@ -80,6 +83,7 @@ impl OrientSettings {
             ("highpass_px", self.highpass_px, 1.0, 100.0),
             ("noise_codes", self.noise_codes, 0.1, 100.0),
             ("pool_px", self.pool_px, 0.0, 30.0),
+            ("support_px", self.support_px, 0.0, 60.0),
             ("pool_along_px", self.pool_along_px, 0.0, 60.0),
         ] {
             let range = format!("{low}..={high}");
@@ -130,7 +134,8 @@ pub fn orient(
         Mode::Robust => {
             let wide = isotropic(&energy, settings.pool_px);
             let once = along_lines(&wide, &wide, &inside, settings.pool_along_px);
-            along_lines(&wide, &once, &inside, settings.pool_along_px)
+            let along = along_lines(&wide, &once, &inside, settings.pool_along_px);
+            supported(along, settings.support_px)
         }
     };
     let (angle, confidence) = read_out(&pooled, &inside);
@@ -162,6 +167,34 @@ fn filter_bank(texture: &Plane<f32>, settings: &OrientSettings) -> OrientationEn
         add_energy(texture, (wavelength, sigma), settings.orientations, gain, &mut energy);
     }
     energy
+}
+
+/// Adds to every pixel what its wider surroundings agree on, weighted by their own agreement: where texture says little
+/// the surroundings decide. The total is kept, so confidence still is that of the pixel.
+fn supported(mut pooled: OrientationEnergy, sigma: f32) -> OrientationEnergy {
+    if sigma <= 0.0 {
+        return pooled;
+    }
+    let n = pooled.total.data.len();
+    let agreed = |plane: &Plane<f32>| {
+        let share = |i: usize| {
+            let total = pooled.total.data[i].max(1e-12);
+            let agreement = pooled.cos2.data[i].hypot(pooled.sin2.data[i]) / total;
+            agreement * plane.data[i] / total
+        };
+        Plane { data: (0..n).map(share).collect(), ..*plane }
+    };
+    let (c, s) = (agreed(&pooled.cos2), agreed(&pooled.sin2));
+    let (wide_c, wide_s) = (gaussian(&c, sigma), gaussian(&s, sigma));
+    for i in 0..n {
+        let length = pooled.cos2.data[i].hypot(pooled.sin2.data[i]);
+        let (x, y) = (c.data[i] + 0.5 * wide_c.data[i], s.data[i] + 0.5 * wide_s.data[i]);
+        let norm = x.hypot(y);
+        if norm > 0.0 {
+            (pooled.cos2.data[i], pooled.sin2.data[i]) = (x / norm * length, y / norm * length);
+        }
+    }
+    pooled
 }
 
 /// Angle in [0, π) and confidence: the share of the energy that agrees on the angle.
