@@ -64,3 +64,14 @@ fn videos_plates_masks_and_labels_fit_the_rig() {
     let labels = read_marker_labels(&folder.join("user/marker_labels.json")).unwrap();
     assert!(labels.frame == 0 && labels.markers.len() >= 5);
 }
+
+#[test]
+fn an_artists_groom_is_read_whole() {
+    let Some(file) = captures().map(|folder| folder.join("../grooms/straight.hair")).filter(|file| file.exists())
+    else {
+        println!("skipped: no groom");
+        return;
+    };
+    let strands = strandflow_io::read_hair(&file, 10.0).unwrap();
+    assert_eq!((strands.strand_count(), strands.points.len()), (10_000, 160_000));
+}

@@ -186,10 +186,8 @@ mod tests {
         assert_eq!((&read.sequence.frames, &read.sequence.counts), (&expected.frames, &expected.counts));
         assert_eq!(read.sequence.provenance, expected.provenance);
         assert_eq!(format!("{:?}", read.sequence.points), format!("{:?}", expected.points));
-        assert_eq!(
-            std::fs::read(&path).unwrap(),
-            std::fs::read(&written().1).unwrap_or_else(|_| std::fs::read(&path).unwrap())
-        );
+        let (_again, second, _) = written();
+        assert!(std::fs::read(&path).unwrap() == std::fs::read(&second).unwrap());
     }
 
     #[test]
