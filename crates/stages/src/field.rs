@@ -68,6 +68,9 @@ pub struct FieldSettings {
     pub fade_mm: f64,
     /// Patches without hair smaller than this do not open the hair volume: markers and holes in masks \[mm²\].
     pub bare_patch_mm2: f64,
+    /// Layers of voxels taken off the hull, robust mode. The hull holds all hair by construction and is larger than it
+    /// everywhere: hulls of seven views lay 6 mm outside the hair in the median.
+    pub shell_voxels: usize,
     /// How deep behind the hull a bare pixel opens the hair volume where no scalp is known \[mm\].
     pub bare_depth_mm: f64,
 }
@@ -81,6 +84,7 @@ impl Default for FieldSettings {
             line_weight: 2.0,
             fade_mm: 30.0,
             bare_patch_mm2: 300.0,
+            shell_voxels: 1,
             bare_depth_mm: 10.0,
         }
     }
@@ -108,6 +112,8 @@ impl FieldSettings {
             "of the order of a head",
         );
         unless((0.0..=1e5).contains(&patch), "field.bare_patch_mm2", patch, "0..=100000", "an area on the head");
+        let shell = self.shell_voxels as f64;
+        unless(shell <= 20.0, "field.shell_voxels", shell, "0..=20", "more leaves nothing of thin hair");
         unless((0.0..=500.0).contains(&deep), "field.bare_depth_mm", deep, "0..=500", "a depth inside the head");
         found
     }
@@ -122,7 +128,7 @@ pub fn field(
 ) -> Result<SparseVoxels<FieldVoxel>, StageError> {
     let grid = input.hull.grid;
     let head = Head::new(input);
-    let indices = hair_volume(input, &head, settings);
+    let indices = hair_volume(input, &head, mode, settings);
     if indices.is_empty() {
         return Err(StageError::Input {
             place: Place::frame(input.frame),
@@ -196,9 +202,10 @@ impl Head {
 
 /// The voxels of the hull outside the scalp in which hair can be, rising. The layer of one voxel below the scalp stays:
 /// roots lie on the surface and need a field on both sides.
-fn hair_volume(input: &FieldInput, head: &Head, settings: &FieldSettings) -> Vec<u32> {
+fn hair_volume(input: &FieldInput, head: &Head, mode: Mode, settings: &FieldSettings) -> Vec<u32> {
     let grid = input.hull.grid;
-    let hull: Vec<u32> = input.hull.indices().map(|index| index as u32).collect();
+    let layers = if mode == Mode::Robust { settings.shell_voxels } else { 0 };
+    let hull: Vec<u32> = without_layers(input.hull, layers).indices().map(|index| index as u32).collect();
     let distances: Vec<f32> =
         hull.par_iter().map(|&voxel| head.signed_distance(grid.centre_of_index(voxel as usize)) as f32).collect();
     let inside_head: Vec<u32> = hull.iter().zip(&distances).filter(|&(_, &d)| d < 0.0).map(|(&v, _)| v).collect();
@@ -218,6 +225,15 @@ fn hair_volume(input: &FieldInput, head: &Head, settings: &FieldSettings) -> Vec
         })
         .map(|(&voxel, _)| voxel)
         .collect()
+}
+
+/// The hull without its outermost layers of voxels.
+fn without_layers(hull: &Occupancy, layers: usize) -> Occupancy {
+    let mut rest = hull.clone();
+    for _ in 0..layers {
+        surface_voxels(&rest).into_iter().for_each(|voxel| rest.set(voxel as usize, false));
+    }
+    rest
 }
 
 fn surface_of(grid: &Grid, voxels: &[u32]) -> Vec<u32> {

@@ -47,7 +47,7 @@ pub struct GrowSettings {
     /// How much of the previous direction enters the next one, 0 to below 1, robust mode.
     pub inertia: f32,
     /// Cosine between a step and the border's outward normal up to which the step is turned along the border instead of
-    /// leaving, robust mode: 0.7 keeps strands that graze the hull and ends those that meet the hair's lower edge.
+    /// leaving, robust mode: 0.5 keeps strands that graze the hull and ends those that meet the hair's lower edge.
     pub slant: f32,
     /// Length over which a strand turns from the scalp's normal into the field \[mm\], robust mode.
     pub root_mm: f32,
@@ -63,7 +63,7 @@ impl Default for GrowSettings {
             min_purity: 0.15,
             max_turn_deg: 40.0,
             inertia: 0.3,
-            slant: 0.7,
+            slant: 0.5,
             root_mm: 6.0,
         }
     }
@@ -154,6 +154,13 @@ struct Grown {
 }
 
 impl Grown {
+    fn push(&mut self, point: Vec3, sample: Option<&Sample>) {
+        let observed = sample.is_some_and(|sample| sample.observed);
+        self.points.push(point);
+        self.provenance.push(if observed { Provenance::Observed } else { Provenance::Diffused });
+        self.confidence.push(sample.map_or(0.0, |sample| sample.trust));
+    }
+
     fn truncate(&mut self, len: usize) {
         self.points.truncate(len);
         self.provenance.truncate(len);
@@ -231,31 +238,37 @@ struct Grower<'a> {
     down: Vec3,
 }
 
+/// Where a strand has got to.
+struct Head {
+    at: Vec3,
+    direction: Vec3,
+    /// Arc length from the root \[mm\].
+    arc: f32,
+    /// Whether the last step was turned along the border.
+    slid: bool,
+}
+
 impl Grower<'_> {
     fn grow(&self, root: Vec3, normal: Vec3) -> Grown {
         let step = self.settings.step_mm as f32;
-        let gap_steps =
+        let robust_gap =
             if self.mode == Mode::Robust { (self.settings.gap_mm / self.settings.step_mm) as usize } else { 0 };
         let mut strand = Grown::default();
-        let (mut at, mut direction, mut outside) = (root, normal, 0usize);
+        let mut head = Head { at: root, direction: normal, arc: 0.0, slid: false };
+        let mut outside = 0usize;
         while strand.points.len() < self.settings.max_points() {
-            let arc = strand.points.len() as f32 * step;
-            let sample = self.field.at(at, self.facing(direction, normal, arc));
-            let (provenance, confidence) = match &sample {
-                Some(sample) if sample.observed => (Provenance::Observed, sample.trust),
-                Some(sample) => (Provenance::Diffused, sample.trust),
-                None => (Provenance::Diffused, 0.0),
-            };
+            let sample = self.field.at(head.at, self.facing(&head, normal));
             outside = if sample.is_some() { 0 } else { outside + 1 };
-            strand.points.push(at);
-            strand.provenance.push(provenance);
-            strand.confidence.push(confidence);
-            if outside > gap_steps.max(if arc < 4.0 * step { 3 } else { 0 }) {
+            strand.push(head.at, sample.as_ref());
+            // A root may lie up to three steps off the volume: scalp and hull are right to a voxel.
+            let gap = robust_gap.max(if head.arc < 4.0 * step { 3 } else { 0 });
+            if outside > gap {
                 break;
             }
-            let Some(next) = self.next_direction(at, direction, normal, arc, sample) else { break };
-            direction = self.kept_inside(at, next, arc);
-            at += direction * step;
+            let Some(next) = self.next_direction(&head, normal, sample) else { break };
+            (head.direction, head.slid) = self.kept_inside(&head, next);
+            head.at += head.direction * step;
+            head.arc += step;
         }
         // The piece beyond the last point inside was only a hope.
         strand.truncate(strand.points.len() - outside);
@@ -265,49 +278,56 @@ impl Grower<'_> {
         strand
     }
 
-    /// A step that would leave the hair volume at a slant is turned along its border (scalp or hull: hair neither enters the
-    /// head nor leaves the hull); one that leaves it straight is left alone: there the hair ends.
-    fn kept_inside(&self, at: Vec3, direction: Vec3, arc: f32) -> Vec3 {
-        let step = self.settings.step_mm as f32;
-        let leaves = |d: Vec3| !self.field.contains(at + d * step);
-        if self.mode == Mode::Paper || arc < self.settings.root_mm || !leaves(direction) {
-            return direction;
-        }
-        let Some(inwards) = self.field.inwards(at + direction * step) else { return direction };
-        let lean = -direction.dot(inwards);
-        if lean > self.settings.slant {
-            return direction;
-        }
-        let pushes = [0.1, 0.4, 0.8].map(|push| (direction + inwards * (lean.max(0.0) + push)).normalize_or(direction));
-        pushes.into_iter().find(|&d| !leaves(d)).unwrap_or(direction)
-    }
-
     /// The direction towards which a line is turned. Close to the root, where the normal is across the lines and does not
     /// decide between their two ends, hair falls.
-    fn facing(&self, direction: Vec3, normal: Vec3, arc: f32) -> Vec3 {
-        if self.mode == Mode::Paper || arc > self.settings.root_mm {
-            return direction;
+    fn facing(&self, head: &Head, normal: Vec3) -> Vec3 {
+        if self.mode == Mode::Paper || head.arc > self.settings.root_mm {
+            return head.direction;
         }
-        (direction + 0.5 * self.down.reject_from(normal)).normalize_or(direction)
+        (head.direction + 0.5 * self.down.reject_from(normal)).normalize_or(head.direction)
     }
 
-    /// The direction of the next step: the midpoint rule, blended with the previous direction.
-    fn next_direction(&self, at: Vec3, previous: Vec3, normal: Vec3, arc: f32, here: Option<Sample>) -> Option<Vec3> {
-        let Some(here) = here else { return Some(previous) };
+    /// The direction of the next step: the midpoint rule, blended with the previous direction; near the root a turn from
+    /// the normal into the field. `None` where the lines around do not agree or turn too sharply.
+    fn next_direction(&self, head: &Head, normal: Vec3, here: Option<Sample>) -> Option<Vec3> {
         let step = self.settings.step_mm as f32;
-        let facing = self.facing(previous, normal, arc);
-        let midpoint = self.field.at(at + here.direction * (0.5 * step), facing).unwrap_or(here);
-        let (root_mm, inertia) = match self.mode {
-            Mode::Paper => (step, 0.0),
-            Mode::Robust => (self.settings.root_mm, self.settings.inertia),
+        let near_root = head.arc < self.settings.root_mm && self.mode == Mode::Robust;
+        let Some(here) = here else {
+            let back = if near_root { self.field.inwards(head.at) } else { None };
+            return Some(back.unwrap_or(head.direction));
         };
-        if arc < root_mm {
-            // From the normal into the field.
-            let s = (arc + step) / (root_mm + step);
-            return Some((normal * (1.0 - s) + midpoint.direction * s).normalize_or(normal));
+        let middle = head.at + here.direction * (0.5 * step);
+        let midpoint = self.field.at(middle, self.facing(head, normal)).unwrap_or(here);
+        if head.arc == 0.0 && self.mode == Mode::Paper {
+            return Some(normal);
+        }
+        if near_root {
+            let s = (head.arc + step) / (self.settings.root_mm + step);
+            let lifted = (normal * (1.0 - s) + midpoint.direction * s).normalize_or(normal);
+            let stays = self.field.contains(head.at + lifted * step);
+            return Some(if stays { lifted } else { midpoint.direction });
         }
         (midpoint.purity >= self.settings.min_purity).then_some(())?;
-        (midpoint.direction.dot(previous) >= self.settings.max_turn_deg.to_radians().cos()).then_some(())?;
-        Some((midpoint.direction * (1.0 - inertia) + previous * inertia).normalize_or(previous))
+        let turn = midpoint.direction.dot(head.direction);
+        (head.slid || turn >= self.settings.max_turn_deg.to_radians().cos()).then_some(())?;
+        let inertia = if self.mode == Mode::Robust { self.settings.inertia } else { 0.0 };
+        Some((midpoint.direction * (1.0 - inertia) + head.direction * inertia).normalize_or(head.direction))
+    }
+
+    /// A step that would leave the hair volume at a slant is turned along its border (scalp or hull: hair neither enters the
+    /// head nor leaves the hull); one that leaves it straight is left alone: there the hair ends. Second: whether it turned.
+    fn kept_inside(&self, head: &Head, direction: Vec3) -> (Vec3, bool) {
+        let step = self.settings.step_mm as f32;
+        let leaves = |d: Vec3| !self.field.contains(head.at + d * step);
+        if self.mode == Mode::Paper || !leaves(direction) {
+            return (direction, false);
+        }
+        let Some(inwards) = self.field.inwards(head.at + direction * step) else { return (direction, false) };
+        let lean = -direction.dot(inwards);
+        if lean > self.settings.slant {
+            return (direction, false);
+        }
+        let pushes = [0.1, 0.4, 0.8].map(|push| (direction + inwards * (lean.max(0.0) + push)).normalize_or(direction));
+        pushes.into_iter().find(|&d| !leaves(d)).map_or((direction, false), |d| (d, true))
     }
 }
