@@ -1,6 +1,7 @@
 //! Projection and distortion, triangulation, rigid alignment, polylines and meshes.
 
 pub mod align;
+pub mod blue_noise;
 pub mod mesh_distance;
 pub mod polyline;
 pub mod primitives;

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
-use strandflow_core::{Grid, TriMesh};
+use strandflow_core::{Grid, Occupancy, TriMesh};
 
 use crate::mesh_distance::MeshDistance;
 
@@ -31,6 +31,27 @@ impl SignedDistance {
             tree.nearest(grid.centre_of_index(i)).map_or(f32::INFINITY, |nearest| nearest.signed_distance as f32)
         };
         Self { grid, values: (0..grid.len()).into_par_iter().map(sample).collect() }
+    }
+
+    /// Distance to the border between occupied and free voxels (halfway between their centres) \[mm\], negative inside;
+    /// beyond the grid everything is free. Exact at voxel centres up to half a voxel.
+    ///
+    /// Reference: Felzenszwalb & Huttenlocher 2012 (distance transform by lower envelopes).
+    pub fn from_occupancy(occupancy: &Occupancy) -> Self {
+        // One free voxel on every side, so that the border of the grid is a border of the occupied set.
+        let inner = occupancy.grid;
+        let grid =
+            Grid { origin: inner.origin - inner.voxel_mm, voxel_mm: inner.voxel_mm, dims: inner.dims.map(|n| n + 2) };
+        let mut occupied = vec![false; grid.len()];
+        for index in occupancy.indices() {
+            occupied[grid.index(inner.coordinates(index).map(|k| k + 1))] = true;
+        }
+        let outside = squared_distance_to(&occupied, &grid, true);
+        let inside = squared_distance_to(&occupied, &grid, false);
+        let signed =
+            |(o, i): (&f32, &f32)| (o.sqrt() - i.sqrt() - if *o > 0.0 { 0.5 } else { -0.5 }) * grid.voxel_mm as f32;
+        let values = outside.iter().zip(&inside).map(signed).collect();
+        Self { grid, values }
     }
 
     /// Signed distance of a point \[mm\], negative inside. Outside the sampled box: the distance at the nearest point of
@@ -76,6 +97,62 @@ impl SignedDistance {
     }
 }
 
+/// Squared distance, in voxels, of every voxel to the nearest one whose value is `wanted`.
+fn squared_distance_to(values: &[bool], grid: &Grid, wanted: bool) -> Vec<f32> {
+    // Large, and still exact in sums of squares of f32.
+    const FAR: f32 = 1e12;
+    let mut squared: Vec<f32> = values.iter().map(|&v| if v == wanted { 0.0 } else { FAR }).collect();
+    let strides = [1, grid.dims[0], grid.dims[0] * grid.dims[1]];
+    for axis in 0..3 {
+        let (n, stride) = (grid.dims[axis], strides[axis]);
+        let mut line = vec![0.0; n];
+        for start in 0..grid.len() {
+            if start / stride % n != 0 {
+                continue;
+            }
+            for (k, value) in line.iter_mut().enumerate() {
+                *value = squared[start + k * stride];
+            }
+            for (k, value) in lower_envelope(&line).into_iter().enumerate() {
+                squared[start + k * stride] = value;
+            }
+        }
+    }
+    squared
+}
+
+/// min over j of (i − j)² + f(j), for every i.
+fn lower_envelope(f: &[f32]) -> Vec<f32> {
+    let n = f.len();
+    let crossing = |q: usize, p: usize| {
+        let (a, b) = (f64::from(f[q]) + (q * q) as f64, f64::from(f[p]) + (p * p) as f64);
+        (a - b) / (2.0 * (q as f64 - p as f64))
+    };
+    let mut parabolas: Vec<(usize, f64)> = vec![(0, f64::NEG_INFINITY)];
+    for q in 1..n {
+        let mut from = f64::NEG_INFINITY;
+        while let Some(&(p, start)) = parabolas.last() {
+            from = crossing(q, p);
+            if from > start || parabolas.len() == 1 {
+                break;
+            }
+            parabolas.pop();
+        }
+        parabolas.push((q, from));
+    }
+    let mut k = 0;
+    (0..n)
+        .map(|i| {
+            while k + 1 < parabolas.len() && parabolas[k + 1].1 <= i as f64 {
+                k += 1;
+            }
+            let p = parabolas[k].0;
+            let d = i as f32 - p as f32;
+            d * d + f[p]
+        })
+        .collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -97,6 +174,24 @@ mod tests {
             }
             let far = field.distance(centre + direction * 400.0);
             assert!((330.0..=420.0).contains(&far), "{far}");
+        }
+    }
+
+    #[test]
+    fn the_distance_of_an_occupied_ball_is_that_of_the_ball() {
+        let grid = Grid { origin: DVec3::new(-50.0, -40.0, -45.0), voxel_mm: 2.0, dims: [50, 44, 46] };
+        let mut ball = Occupancy::empty(grid);
+        for i in 0..grid.len() {
+            ball.set(i, grid.centre_of_index(i).length() < 30.0);
+        }
+        let field = SignedDistance::from_occupancy(&ball);
+        for i in 0..300 {
+            let t = i as f64;
+            let direction = DVec3::new((t * 1.7).sin(), (t * 2.3).cos(), (t * 0.9).sin()).normalize();
+            for radius in [5.0, 20.0, 29.0, 36.0] {
+                let distance = field.distance(direction * radius);
+                assert!((distance - (radius - 30.0)).abs() < 1.6, "{distance} at {radius}");
+            }
         }
     }
 

@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Grid, Mask, Occupancy, Place, Report, Rig};
-use strandflow_volume::carve::{CarvingView, carve, carve_touching, occupied_box};
+use strandflow_volume::carve::{CarvingView, carve, carve_touching, largest_component, occupied_box};
 use strandflow_volume::silhouette::Silhouette;
 
 use crate::{SettingViolation, StageError};
@@ -21,8 +21,8 @@ pub struct HullSettings {
     pub threshold: u8,
     /// Growth of the silhouettes \[px\], beside half a voxel (which keeps voxels whose centre just misses).
     pub grow_px: f64,
-    /// Views that must see a voxel; with fewer cameras than that, all of them. Two: hair that hangs out of most images
-    /// stays where two of the others confine it.
+    /// Views that must see a voxel; with fewer cameras than that, all of them. Two views that face each other confine
+    /// nothing along their common axis; with four, hair that hangs out of some images is lost.
     pub least_views: usize,
     /// Room around the hulls of all frames \[mm\].
     pub margin_mm: f64,
@@ -30,7 +30,7 @@ pub struct HullSettings {
 
 impl Default for HullSettings {
     fn default() -> Self {
-        Self { voxel_mm: 2.0, threshold: 40, grow_px: 1.0, least_views: 2, margin_mm: 6.0 }
+        Self { voxel_mm: 2.0, threshold: 40, grow_px: 1.0, least_views: 3, margin_mm: 6.0 }
     }
 }
 
@@ -99,7 +99,8 @@ pub fn grid_of_take(
         return Err(StageError::Input {
             place,
             fact: format!("the hull of the take needs {:?} voxels of {} mm", grid.dims, settings.voxel_mm),
-            hint: "raise hull.voxel_mm, or check the units of the calibration (millimetres) and the subject masks".into(),
+            hint: "raise hull.voxel_mm, or check the units of the calibration (millimetres) and the subject masks"
+                .into(),
         });
     }
     Ok(grid)
@@ -149,11 +150,11 @@ fn views_of<'a>(rig: &'a Rig, silhouettes: &'a [Silhouette]) -> Vec<CarvingView<
     rig.cameras.iter().zip(silhouettes).map(|(camera, silhouette)| CarvingView { camera, silhouette }).collect()
 }
 
-/// World box of what the masks leave of a grid \[mm\].
+/// World box of the largest piece of what the masks leave of a grid \[mm\]; smaller ones are where few views look.
 fn bounded(rig: &Rig, masks: &[&Mask], settings: &HullSettings, grid: &Grid) -> Option<(DVec3, DVec3)> {
     let silhouettes = silhouettes(rig, masks, grid, settings);
     let touched = carve_touching(&views_of(rig, &silhouettes), grid, least_views(rig, settings));
-    let (low, high) = occupied_box(&touched)?;
+    let (low, high) = occupied_box(&largest_component(&touched))?;
     let corner = |voxel: [usize; 3]| grid.origin + DVec3::from_array(voxel.map(|k| k as f64)) * grid.voxel_mm;
     Some((corner(low), corner(high)))
 }
@@ -249,13 +250,15 @@ fn empty_hull(rig: &Rig, masks: &[&Mask], grid: &Grid, place: Place, settings: &
                 "the silhouettes share no volume; without this view {:.0} cm³ are left",
                 volumes[view] as f64 * coarse.voxel_mm.powi(3) / 1000.0
             ),
-            hint: "look at this view's subject mask, clean plate and calibration; exclude the view if it cannot be mended"
-                .into(),
+            hint:
+                "look at this view's subject mask, clean plate and calibration; exclude the view if it cannot be mended"
+                    .into(),
         },
         None => StageError::Input {
             place,
             fact: "the silhouettes share no volume, and no single view is to blame".into(),
-            hint: "check the calibration (units, world-to-camera direction, order of the views) and the subject masks".into(),
+            hint: "check the calibration (units, world-to-camera direction, order of the views) and the subject masks"
+                .into(),
         },
     }
 }

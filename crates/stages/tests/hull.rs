@@ -52,18 +52,10 @@ fn the_view_that_empties_the_hull_is_named() {
     let Some(capture) = capture("dev-straight") else { return };
     let grid = grid(&capture);
     let mut masks = capture.masks("subject", 0);
-    let wrong: Vec<u8> = masks[3].data.iter().map(|m| 255 - m).collect();
-    masks[3].data = wrong;
     let blame = |masks: &[Mask]| {
         let refs: Vec<&Mask> = masks.iter().collect();
         hull(&capture.rig, &refs, &grid, 7, &HullSettings::default(), &mut Report::default()).unwrap_err()
     };
-    // An inverted mask leaves a shell of the growth; carve without growth to empty the hull.
-    for (mask, count) in [(masks.clone(), 1), (vec![], 0)] {
-        if count == 0 {
-            assert!(matches!(blame(&mask), StageError::Input { .. }));
-        }
-    }
     masks[3].data.fill(0);
     let StageError::Input { place, fact, .. } = blame(&masks) else { panic!("another error") };
     assert_eq!((place.view.as_deref(), place.frame), (Some("cam03"), Some(7)), "{fact}");

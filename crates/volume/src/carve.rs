@@ -39,6 +39,40 @@ pub fn carve_touching(views: &[CarvingView], grid: &Grid, least_views: usize) ->
     carved(&Carver::new(views, grid, least_views, Test::Touch))
 }
 
+/// The largest set of occupied voxels that touch by a face, an edge or a corner (the first in linear order of equals).
+pub fn largest_component(occupancy: &Occupancy) -> Occupancy {
+    let grid = occupancy.grid;
+    let mut left = occupancy.clone();
+    let mut largest: Vec<usize> = Vec::new();
+    for seed in occupancy.indices() {
+        if !left.get(seed) {
+            continue;
+        }
+        left.set(seed, false);
+        let (mut members, mut next) = (vec![seed], 0);
+        while next < members.len() {
+            let voxel = grid.coordinates(members[next]);
+            next += 1;
+            let span = |k: usize| voxel[k].saturating_sub(1)..(voxel[k] + 2).min(grid.dims[k]);
+            for (z, y) in span(2).flat_map(|z| span(1).map(move |y| (z, y))) {
+                for x in span(0) {
+                    let index = grid.index([x, y, z]);
+                    if left.get(index) {
+                        left.set(index, false);
+                        members.push(index);
+                    }
+                }
+            }
+        }
+        if members.len() > largest.len() {
+            largest = members;
+        }
+    }
+    let mut out = Occupancy::empty(grid);
+    largest.into_iter().for_each(|index| out.set(index, true));
+    out
+}
+
 /// The half-open box of voxels that holds all occupied voxels; `None` where none is.
 pub fn occupied_box(occupancy: &Occupancy) -> Option<([usize; 3], [usize; 3])> {
     let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
@@ -134,16 +168,20 @@ impl<'a> Carver<'a> {
         if (0..3).any(|k| low[k] >= high[k]) {
             return;
         }
-        let (mut undecided, mut inside) = (Vec::with_capacity(open.len()), inside);
+        let (mut undecided, mut inside, mut hopeful) = (Vec::with_capacity(open.len()), inside, 0);
         for &view in open {
             match self.coverage(view, low, high) {
                 Coverage::Outside => return,
                 Coverage::Inside => inside += 1,
-                Coverage::Mixed => undecided.push(view),
+                Coverage::Unsupported => undecided.push(view),
+                Coverage::Mixed => {
+                    undecided.push(view);
+                    hopeful += 1;
+                }
                 Coverage::Unseen => {}
             }
         }
-        if inside + undecided.len() < self.least_views {
+        if inside + hopeful < self.least_views {
             return;
         }
         if undecided.is_empty() || edge == 1 {
@@ -299,5 +337,7 @@ mod tests {
         occupancy.set(grid.index([2, 3, 4]), true);
         occupancy.set(grid.index([5, 3, 1]), true);
         assert_eq!(occupied_box(&occupancy), Some(([2, 3, 1], [6, 4, 5])));
+        occupancy.set(grid.index([6, 4, 2]), true);
+        assert_eq!(occupied_box(&largest_component(&occupancy)), Some(([5, 3, 1], [7, 5, 3])));
     }
 }

@@ -23,6 +23,8 @@ pub enum Coverage {
     Outside,
     /// In the image and entirely inside the silhouette.
     Inside,
+    /// Partly outside the image, and what is in it holds no inside pixel: a point of it is carved or not seen.
+    Unsupported,
     /// None of these.
     Mixed,
 }
@@ -63,6 +65,7 @@ impl Silhouette {
         let (x1, y1) = ((high[0].min(w - 1.0)) as usize + 1, (high[1].min(h - 1.0)) as usize + 1);
         let inside = self.count(x0, y0, x1, y1) as usize;
         match inside {
+            0 if cut => Coverage::Unsupported,
             // A rectangle that leaves the image may be out of sight in part, and there nothing carves it.
             _ if cut => Coverage::Mixed,
             0 => Coverage::Outside,
@@ -145,6 +148,7 @@ mod tests {
         assert_eq!(disc.coverage([0.0, 0.0], [6.9, 15.9]), Coverage::Outside);
         assert_eq!(disc.coverage([0.0, 0.0], [7.0, 15.9]), Coverage::Mixed);
         assert_eq!(disc.coverage([-9.0, 0.0], [-0.1, 15.9]), Coverage::Unseen);
-        assert_eq!(disc.coverage([-9.0, 0.0], [3.0, 15.9]), Coverage::Mixed);
+        assert_eq!(disc.coverage([-9.0, 0.0], [3.0, 15.9]), Coverage::Unsupported);
+        assert_eq!(disc.coverage([-9.0, 0.0], [9.0, 15.9]), Coverage::Mixed);
     }
 }

@@ -80,10 +80,8 @@ impl Capture {
                     mesh.vertices.push(pose.point(DVec3::new(x, y, z)));
                 }
                 Some(&"f") => {
-                    let corners: Vec<u32> = words[1..]
-                        .iter()
-                        .map(|w| w.split('/').next().unwrap().parse::<u32>().unwrap() - 1)
-                        .collect();
+                    let corners: Vec<u32> =
+                        words[1..].iter().map(|w| w.split('/').next().unwrap().parse::<u32>().unwrap() - 1).collect();
                     mesh.faces.extend((2..corners.len()).map(|k| [corners[0], corners[k - 1], corners[k]]));
                 }
                 _ => {}
