@@ -70,7 +70,7 @@ pub enum IoError {
         /// The file.
         file: PathBuf,
         /// Where in it.
-        at: At,
+        at: Box<At>,
         /// What is the case.
         fact: String,
         /// What to do about it.
@@ -106,7 +106,7 @@ impl IoError {
 
     /// Something wrong with what a file holds.
     pub fn content(file: &Path, at: At, fact: impl Into<String>, hint: impl Into<String>) -> Self {
-        Self::Content { file: file.to_owned(), at, fact: fact.into(), hint: hint.into() }
+        Self::Content { file: file.to_owned(), at: Box::new(at), fact: fact.into(), hint: hint.into() }
     }
 
     pub(crate) fn reading(file: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {

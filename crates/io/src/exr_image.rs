@@ -40,8 +40,9 @@ pub fn read_exr(path: &Path) -> Result<RgbImage, IoError> {
         return Err(unreadable(path, "its channels are subsampled"));
     }
     let mut data = Vec::with_capacity(samples[0].len());
-    for i in 0..samples[0].len() {
-        let linear = [samples[0][i], samples[1][i], samples[2][i]];
+    let [red, green, blue] = &samples;
+    for (i, ((&r, &g), &b)) in red.iter().zip(green).zip(blue).enumerate() {
+        let linear = [r, g, b];
         if linear.iter().any(|value| value.is_nan()) {
             let (x, y) = (i % width, i / width);
             return Err(IoError::content(

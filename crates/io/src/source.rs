@@ -7,7 +7,7 @@ use std::{
 
 use strandflow_core::{ImageSource, RgbImage, Rig, SourceError};
 
-use crate::{IoError, error::At};
+use crate::IoError;
 
 pub mod decoder;
 pub mod folder;
@@ -191,7 +191,7 @@ impl ImageSource for TakeSource {
 /// The located form of a file's error.
 pub(crate) fn located(error: &IoError, view: &str, frame: usize) -> SourceError {
     let fact = match error {
-        IoError::Content { fact, at: At { .. }, .. } => fact.clone(),
+        IoError::Content { fact, .. } => fact.clone(),
         IoError::System { action, cause, .. } => format!("cannot {action}: {cause}"),
         IoError::Program { .. } => error.to_string(),
     };
