@@ -254,8 +254,8 @@ impl GroomSpec {
                 ..base
             },
             Style::Curly => Self {
-                length_mm: 260.0,
-                cut_below_mm: 130.0,
+                length_mm: 240.0,
+                cut_below_mm: 95.0,
                 wave_mm: 6.5,
                 wave_length_mm: 38.0,
                 wave_from: 0.08,

@@ -29,6 +29,7 @@ pub(crate) struct Fibre {
     points: Vec<DVec3>,
     light: Vec<[f32; 4]>,
     colour: Vec3,
+    pieces: usize,
     seed: u64,
 }
 
@@ -83,6 +84,7 @@ impl Scene {
                     light: (0..fine.len()).map(|k| between(&light, k, 2 * pieces)).collect(),
                     colour: Vec3::from_array(self.spec.groom.colour.map(|c| c as f32))
                         * self.groom.brightness[i] as f32,
+                    pieces,
                     seed: mix(self.spec.seed ^ (0xf1b3e + i as u64)),
                 }
             })
@@ -108,24 +110,33 @@ impl Fibre {
     pub(crate) fn seen(&self, lens: &Lens, lights: &[Light; 4]) -> Vec<Vertex> {
         let eye = lens.camera.centre_in_world();
         let last = self.points.len() - 1;
-        (0..self.points.len())
+        // Colours at the strand's own points; those between are blended.
+        let own: Vec<Vec3> = (0..=last).step_by(self.pieces).map(|k| self.colour_towards(eye, k, lights)).collect();
+        (0..=last)
             .map(|k| {
-                let p = self.points[k];
-                let tangent =
-                    (self.points[(k + 1).min(last)] - self.points[k.saturating_sub(1)]).normalize_or(DVec3::Z);
-                let (t, v) = (tangent.as_vec3(), (eye - p).normalize().as_vec3());
-                let along = smooth_noise(self.seed, DVec3::new(k as f64 / last.max(1) as f64 * 7.0, 0.5, 0.5));
-                let base = self.colour * (1.0 + 0.15 * along as f32);
-                let mut colour = Vec3::ZERO;
-                let mut reaching = 0.0;
-                for (light, &strength) in lights.iter().zip(&self.light[k]) {
-                    let (neutral, coloured) = fibre(t, light.towards, v);
-                    colour += (Vec3::splat(neutral) + base * coloured) * strength;
-                    reaching += strength;
-                }
-                lens.vertex(p, colour + base * (0.03 + 0.10 * reaching))
+                let (i, share) = (k / self.pieces, (k % self.pieces) as f32 / self.pieces as f32);
+                lens.vertex(self.points[k], own[i].lerp(own[(i + 1).min(own.len() - 1)], share))
             })
             .collect()
+    }
+
+    /// Light returned towards an eye at a point of the strand.
+    fn colour_towards(&self, eye: DVec3, k: usize, lights: &[Light; 4]) -> Vec3 {
+        /// Light too weak to move a pixel by one level.
+        const DARK: f32 = 2e-3;
+        let last = self.points.len() - 1;
+        let p = self.points[k];
+        let tangent = (self.points[(k + 1).min(last)] - self.points[k.saturating_sub(1)]).normalize_or(DVec3::Z);
+        let (t, v) = (tangent.as_vec3(), (eye - p).normalize().as_vec3());
+        let along = smooth_noise(self.seed, DVec3::new(k as f64 / last.max(1) as f64 * 7.0, 0.5, 0.5));
+        let base = self.colour * (1.0 + 0.15 * along as f32);
+        let reaching: f32 = self.light[k].iter().sum();
+        let mut colour = base * (0.03 + 0.10 * reaching);
+        for (light, &strength) in lights.iter().zip(&self.light[k]).filter(|(_, s)| **s > DARK) {
+            let (neutral, coloured) = fibre(t, light.towards, v);
+            colour += (Vec3::splat(neutral) + base * coloured) * strength;
+        }
+        colour
     }
 }
 
