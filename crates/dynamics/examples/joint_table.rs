@@ -11,7 +11,7 @@ use strandflow_dynamics::{
     GRAVITY,
     refine::{RefineOptions, Take, Track, refine},
 };
-use truth::{FRAME_SECS, Scene, Shape, Truth, error, jitter, lengths, noisy, truth as simulate};
+use truth::{FRAME_SECS, Scene, Shape, Truth, error, jitter, lengths, noisy, regrown, spoil, truth as simulate};
 
 fn row(name: &str, scenes: &[(Truth, Track)], options: &RefineOptions) {
     let start = Instant::now();
@@ -26,7 +26,7 @@ fn row(name: &str, scenes: &[(Truth, Track)], options: &RefineOptions) {
         let Some(refined) = refined else { continue };
         let length = lengths(&refined.points, truth.n);
         (low, high) = (low.min(length[0]), high.max(length[1]));
-        let all = |_: usize| true;
+        let all = |e: usize| track.weights[e] > 0.0;
         let values = [
             error(&track.points, truth, all),
             error(&refined.cleaned, truth, all),
@@ -49,7 +49,10 @@ fn row(name: &str, scenes: &[(Truth, Track)], options: &RefineOptions) {
 }
 
 fn main() {
-    let options = RefineOptions::default();
+    let mut options = RefineOptions::default();
+    if let Some(count) = std::env::args().nth(1).and_then(|a| a.parse().ok()) {
+        (options.iterations, options.evaluations) = (count, 3 * count / 2);
+    }
     println!("                        input, cleaned, refined [mm]");
     for (name, shape, sigma, wind, step) in [
         ("straight", Shape::Straight, 3.0, 0.0, 5e-4),
@@ -69,4 +72,23 @@ fn main() {
             .collect();
         row(name, &scenes, &options);
     }
+    for (name, tip) in [("helix, regrown 15 mm", 15.0), ("helix, regrown 40 mm", 40.0)] {
+        let scenes: Vec<(Truth, Track)> = (0..16)
+            .map(|seed| {
+                let truth = simulate(&Scene { frames: 30, seed, ..Scene::default() });
+                let track = regrown(&truth, tip, seed);
+                (truth, track)
+            })
+            .collect();
+        row(name, &scenes, &options);
+    }
+    let scenes: Vec<(Truth, Track)> = (0..16)
+        .map(|seed| {
+            let truth = simulate(&Scene { seed, ..Scene::default() });
+            let mut track = noisy(&truth, 3.0, seed);
+            spoil(&mut track, seed);
+            (truth, track)
+        })
+        .collect();
+    row("helix, spoilt", &scenes, &options);
 }

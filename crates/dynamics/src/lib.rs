@@ -5,6 +5,7 @@ pub mod warp;
 
 pub mod altitude;
 pub mod band;
+pub mod derivative;
 pub mod kernels;
 pub mod lanes;
 #[cfg(target_arch = "x86_64")]
@@ -17,6 +18,7 @@ pub mod step;
 pub mod system;
 pub mod window;
 
+pub use derivative::{DerivativeError, check_derivative};
 pub use params::Params;
 pub use rest::RestShape;
 pub use step::{Forces, GRAVITY, Model, State, Workspace, step};

@@ -69,6 +69,12 @@ impl<R: Kernels> Bundle<R> {
             prox: constants(options.prox_secs),
             prox_params: LaneParams::splat(&options.start.undamped()),
         };
+        for lane in 0..R::COUNT {
+            // Prox weighs shape against data; cleaner data weigh more.
+            let share = of_lane(lane).map_or(1.0, |p| (p.noise_mm / FULL_PROX_NOISE_MM).powi(2).clamp(1e-4, 1.0));
+            let stiffness = options.start.stiffness.map(|k| share * k);
+            bundle.prox_params.set(lane, &Params { stiffness, damping: [0.0; 4], drag: 0.0 });
+        }
         for t in 0..frames {
             for i in 0..fixed {
                 for lane in 0..R::COUNT {
@@ -109,6 +115,10 @@ impl<R: Kernels> Bundle<R> {
         LaneParams::splat(params)
     }
 }
+
+/// Noise per coordinate from which on the prox acts fully \[mm\]; below, its stiffness falls with the variance, so
+/// that clean strands are left alone.
+const FULL_PROX_NOISE_MM: f64 = 1.0;
 
 /// Steps of the prox; after six it is within 0.01 mm of its limit.
 const PROX_STEPS: usize = 6;

@@ -3,7 +3,10 @@
 use glam::DVec3;
 
 /// Half-widths to choose from \[frames\]. Seven frames suit 3 mm of noise; strands grown anew in each frame want more.
-const HALF_WIDTHS: [usize; 5] = [3, 4, 6, 9, 13];
+const HALF_WIDTHS: [usize; 6] = [2, 3, 4, 6, 9, 13];
+/// Particles whose residuals are averaged before they vote on the width: prox removes what differs between neighbours,
+/// so only noise that they share calls for a wider filter.
+const SHARED: usize = 8;
 
 /// Smooths `values` (shape (T, n)) over time by weighted local quadratics of the half-width that predicts left-out
 /// samples best. Samples of weight zero do not count; `observed` says which ones may vote on the width.
@@ -12,9 +15,15 @@ pub fn smooth(values: &[DVec3], weights: &[f64], observed: &[bool], n: usize) ->
     let mut best = (f64::INFINITY, 0);
     for (k, (fitted, leverage)) in candidates.iter().enumerate() {
         let mut error = 0.0;
-        for e in 0..values.len() {
-            if observed[e] {
-                error += weights[e] * (values[e] - fitted[e]).length_squared() / (1.0 - leverage[e]).max(0.05).powi(2);
+        for frame in 0..values.len() / n {
+            for block in (frame * n..(frame + 1) * n).step_by(SHARED) {
+                let members = (block..(block + SHARED).min((frame + 1) * n)).filter(|&e| observed[e]);
+                let (mut sum, mut total) = (DVec3::ZERO, 0.0);
+                for e in members {
+                    sum += weights[e] * (values[e] - fitted[e]) / (1.0 - leverage[e]).max(0.05);
+                    total += weights[e];
+                }
+                error += if total > 0.0 { sum.length_squared() / total } else { 0.0 };
             }
         }
         // A wider filter must be clearly better: what it hides is motion.
@@ -22,12 +31,63 @@ pub fn smooth(values: &[DVec3], weights: &[f64], observed: &[bool], n: usize) ->
             best = (error, k);
         }
     }
-    let [a, b, c, d, e] = candidates;
-    [a.0, b.0, c.0, d.0, e.0].into_iter().nth(best.1).unwrap_or_default()
+    candidates.into_iter().nth(best.1).map(|c| c.0).unwrap_or_default()
 }
 
+/// Half-widths of the average along the strand that [`structure`] chooses from \[particles\].
+const ALONG: [usize; 3] = [0, 3, 8];
+/// Half-widths in time that [`structure`] chooses from \[frames\].
+const IN_TIME: [usize; 3] = [2, 5, 10];
+/// What the structure must explain of the squared residual to be believed.
+const WORTH: f64 = 0.01;
+
+/// The part of residuals (shape (T, n)) that is predictable from other frames: what the model does not know, such as wind.
+/// White noise gives zero. Chosen among averages along the strand and quadratics in time by leaving out whole frames,
+/// so that noise shared along a strand does not pass for structure.
+pub fn structure(residuals: &[DVec3], weights: &[f64], n: usize) -> Vec<DVec3> {
+    let square = |e: usize, predicted: DVec3| weights[e] * (residuals[e] - predicted).length_squared();
+    let none: f64 = (0..residuals.len()).map(|e| square(e, DVec3::ZERO)).sum();
+    let mut best = (none * (1.0 - WORTH), vec![DVec3::ZERO; residuals.len()]);
+    for along in ALONG {
+        let (averaged, total) = average_along(residuals, weights, n, along);
+        for half in IN_TIME {
+            let (fitted, leverage) = fit_all(&averaged, &total, n, half);
+            let error: f64 = (0..residuals.len())
+                .filter(|&e| weights[e] > 0.0)
+                .map(|e| {
+                    let own = leverage[e].min(0.95);
+                    square(e, (fitted[e] - own * averaged[e]) / (1.0 - own))
+                })
+                .sum();
+            if error < best.0 {
+                best = (error, fitted);
+            }
+        }
+    }
+    best.1
+}
+
+/// Weighted averages over 2 `half` + 1 particles along the strand, with the mean weight. Where nothing is seen the
+/// residual counts as zero with little weight.
+fn average_along(values: &[DVec3], weights: &[f64], n: usize, half: usize) -> (Vec<DVec3>, Vec<f64>) {
+    let span = (2 * half + 1) as f64;
+    (0..values.len())
+        .map(|e| {
+            let (base, i) = (e - e % n, e % n);
+            let near = base + i.saturating_sub(half)..base + (i + half + 1).min(n);
+            let total: f64 = weights[near.clone()].iter().sum();
+            let sum: DVec3 = near.map(|e| weights[e] * values[e]).sum();
+            let unseen = UNSEEN * span;
+            (sum / total.max(unseen), total.max(unseen) / span)
+        })
+        .unzip()
+}
+
+/// Weight of a residual where no sample is.
+const UNSEEN: f64 = 0.05;
+
 /// The fit at every sample and its leverage (the weight of a sample in its own fit).
-fn fit_all(values: &[DVec3], weights: &[f64], n: usize, half: usize) -> (Vec<DVec3>, Vec<f64>) {
+pub fn fit_all(values: &[DVec3], weights: &[f64], n: usize, half: usize) -> (Vec<DVec3>, Vec<f64>) {
     let frames = values.len() / n;
     let mut fitted = values.to_vec();
     let mut leverage = vec![0.0; values.len()];
@@ -73,6 +133,25 @@ fn quadratic_at_zero(samples: impl Iterator<Item = (f64, f64, DVec3)>) -> Option
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn structure_is_found_in_waves_and_not_in_noise() {
+        let n = 20;
+        let wave = |e: usize| DVec3::X * 3.0 * (0.2 * (e / n) as f64 + 0.1 * (e % n) as f64).sin();
+        // A multiplicative hash as white noise.
+        let white = |e: usize, axis: u64| {
+            let h = (e as u64 * 3 + axis + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+            ((h ^ (h >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9) >> 40) as f64 / f64::from(1 << 24) - 0.5
+        };
+        let noise = |e: usize| 8.0 * DVec3::new(white(e, 0), white(e, 1), white(e, 2));
+        let weights = vec![1.0; 60 * n];
+        let found = structure(&(0..60 * n).map(|e| wave(e) + noise(e)).collect::<Vec<_>>(), &weights, n);
+        let error = (0..60 * n).map(|e| found[e].distance_squared(wave(e))).sum::<f64>() / (60 * n) as f64;
+        assert!(error < 1.0, "{error}");
+        let nothing = structure(&(0..60 * n).map(noise).collect::<Vec<_>>(), &weights, n);
+        let size = nothing.iter().map(|p| p.length_squared()).sum::<f64>() / (60 * n) as f64;
+        assert!(size < 0.3, "{size}");
+    }
 
     #[test]
     fn quadratics_pass_unchanged_with_missing_samples() {

@@ -11,6 +11,7 @@ use crate::{
         RefineOptions, Refined, Take,
         bundle::{Bundle, set},
         clean::clean,
+        filter,
         track::Prepared,
     },
     window::{WindowInput, WindowWorkspace},
@@ -18,8 +19,11 @@ use crate::{
 
 /// Unit of the velocity variables \[mm/s\].
 const VELOCITY_UNIT: f64 = 100.0;
-/// A window that ends further from its start states than this share of the strand's length (root mean square) failed.
-const FAILED_SHARE: f64 = 0.3;
+/// A window that ends further from the states it should refine than this share of the strand's length (root mean
+/// square) plus [`FAILED_LEAST_MM`] failed.
+const FAILED_SHARE: f64 = 0.15;
+/// See [`FAILED_SHARE`] \[mm\].
+const FAILED_LEAST_MM: f64 = 10.0;
 
 /// Samples and their weights in lanes, shape (T, n).
 struct Samples<R> {
@@ -54,6 +58,12 @@ pub fn refine_bundle<R: Kernels>(lanes: &[&Prepared], take: &Take, options: &Ref
             }
         }
     }
+    if span > 0 && n > bundle.fixed && !options.letter {
+        add_structure(&bundle, lanes, take, &mut x);
+        for t in 0..frames {
+            bundle.relax(t, &mut x[t * n..(t + 1) * n], &mut scratch, &mut workspace);
+        }
+    }
     (0..lanes.len())
         .map(|lane| {
             let of_lane = |x: &[V3<R>]| -> Vec<DVec3> {
@@ -70,6 +80,34 @@ pub fn refine_bundle<R: Kernels>(lanes: &[&Prepared], take: &Take, options: &Ref
             Refined { points, cleaned, params: states[lane].mean_params(options), windows: states[lane].windows }
         })
         .collect()
+}
+
+/// Noise per coordinate at which samples and refinement count alike \[mm\]. At 1 mm the samples have a share of 1/600,
+/// and strands without noise keep their samples.
+const FAITHFUL_NOISE_MM: f64 = 0.2;
+
+/// Adds back what the samples say consistently over time against the simulation, in head space.
+fn add_structure<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Take, x: &mut [V3<R>]) {
+    let n = bundle.n;
+    for (lane, p) in lanes.iter().enumerate() {
+        let m = p.n;
+        let head: Vec<DVec3> = (0..bundle.frames * m)
+            .map(|e| take.world_from_head[e / m].inverse().point(bundle.get(&x[e / m * n + e % m], lane)))
+            .collect();
+        let residual =
+            |e: usize| if p.weights[e] > 0.0 && head[e].is_finite() { p.head[e] - head[e] } else { DVec3::ZERO };
+        let residuals: Vec<DVec3> = (0..head.len()).map(residual).collect();
+        let structure = filter::structure(&residuals, &p.weights, m);
+        let faith = 1.0 / (1.0 + (p.noise_mm / FAITHFUL_NOISE_MM).powi(4));
+        for t in 0..bundle.frames {
+            let point = |i: usize| {
+                let e = t * m + i;
+                let correction = structure[e].lerp(residuals[e], if p.weights[e] > 0.0 { faith } else { 0.0 });
+                take.world_from_head[t].point(head[e] + correction)
+            };
+            bundle.put(&mut x[t * n..(t + 1) * n], lane, point);
+        }
+    }
 }
 
 /// Targets: the samples; where there is none, the cleaned position with weight zero.
@@ -169,6 +207,8 @@ struct Window<R> {
     start_v: Vec<V3<R>>,
     targets: Vec<V3<R>>,
     weights: Vec<R>,
+    /// The states of the last frame before this pass.
+    end: Vec<V3<R>>,
     gradient: Vec<f64>,
 }
 
@@ -182,6 +222,7 @@ impl<R: Kernels> Window<R> {
             start_v: vec![zero3(); n],
             targets: vec![zero3(); span * n],
             weights: vec![R::zero(); span * n],
+            end: vec![zero3(); n],
             gradient: Vec::new(),
         }
     }
@@ -198,6 +239,7 @@ impl<R: Kernels> Window<R> {
     ) {
         let n = bundle.n;
         self.x0.copy_from_slice(&x[start * n..(start + 1) * n]);
+        self.end.copy_from_slice(&x[(start + self.span) * n..(start + self.span + 1) * n]);
         let per_frame = R::splat(1.0 / take.frame_secs);
         let (half, two, three) = (R::splat(0.5), R::splat(2.0), R::splat(1.5));
         for i in 0..n {
@@ -336,11 +378,10 @@ impl<R: Kernels> Window<R> {
         let count = bundle.counts[lane];
         let end = w.positions(self.span * options.substeps);
         let square: f64 =
-            (0..count).map(|i| bundle.get(&end[i], lane).distance_squared(bundle.get(&self.x0[i], lane))).sum();
-        let path = &bundle.get(&end[0], lane).distance(bundle.get(&self.x0[0], lane));
-        let length = options.edge_mm * count as f64;
+            (0..count).map(|i| bundle.get(&end[i], lane).distance_squared(bundle.get(&self.end[i], lane))).sum();
+        let reach = FAILED_SHARE * options.edge_mm * count as f64 + FAILED_LEAST_MM;
         let rms = (square / count as f64).sqrt();
-        !(rms < FAILED_SHARE * length + path + 20.0)
+        !rms.is_finite() || rms > reach
     }
 }
 

@@ -90,8 +90,8 @@ pub fn normal(rng: &mut Pcg64Mcg) -> f64 {
 /// Simulates a scene; the first half second settles the strand.
 pub fn truth(scene: &Scene) -> Truth {
     let mut rng = Pcg64Mcg::seed_from_u64(scene.seed);
-    // The root sits 80 mm from the axis, pointing outward and somewhat up.
-    let turn = DMat3::from_rotation_y(-0.5);
+    // The root sits 80 mm from the axis, pointing outward and down.
+    let turn = DMat3::from_rotation_y(0.9);
     let root = DVec3::new(80.0, 0.0, 0.0);
     let rest: Vec<DVec3> = scene.shape.points(scene.n).iter().map(|p| turn * *p + root).collect();
     let model = Model::new(RestShape::from_positions(&rest, 5.0), 3);
@@ -122,13 +122,55 @@ pub fn truth(scene: &Scene) -> Truth {
     Truth { n: scene.n, world_from_head: poses, points }
 }
 
-/// The truth with independent noise of σ \[mm\] per coordinate.
+/// The truth with independent noise of σ \[mm\] per coordinate; the three clamped particles have none.
 pub fn noisy(truth: &Truth, sigma: f64, seed: u64) -> Track {
     let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x5eed);
     let mut noise = || sigma * DVec3::new(normal(&mut rng), normal(&mut rng), normal(&mut rng));
-    let points: Vec<DVec3> = truth.points.iter().map(|p| *p + noise()).collect();
+    let points: Vec<DVec3> =
+        truth.points.iter().enumerate().map(|(e, p)| if e % truth.n < 3 { *p } else { *p + noise() }).collect();
     let weights = vec![1.0; points.len()];
     Track { particle_count: truth.n, points, weights }
+}
+
+/// The truth as if grown anew in each frame: edges of 5 mm along a smooth curve that errs by about `tip` \[mm\] at the
+/// tip, independently in every frame, and in one of twenty frames jumps to other hair halfway.
+pub fn regrown(truth: &Truth, tip: f64, seed: u64) -> Track {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x60);
+    let mut track = noisy(truth, 0.0, seed);
+    let n = truth.n;
+    for strand in track.points.chunks_exact_mut(n) {
+        let mut random = || DVec3::new(normal(&mut rng), normal(&mut rng), normal(&mut rng)) / 3f64.sqrt();
+        let (bend, wave, jump) = (random(), random(), random());
+        let jumps = random().x > 0.95;
+        let wanted: Vec<DVec3> = (0..n)
+            .map(|i| {
+                let s = i as f64 / (n - 1) as f64;
+                let off = if jumps && s > 0.5 { 4.0 * (s - 0.5) } else { 0.0 };
+                strand[i] + tip * (s * bend + 0.5 * s * (7.0 * s).sin() * wave + off * jump)
+            })
+            .collect();
+        for i in 1..n {
+            strand[i] = strand[i - 1] + 5.0 * (wanted[i] - wanted[i - 1]).normalize();
+        }
+    }
+    track
+}
+
+/// Spoils a track: a tenth of the frames displaced by 45 mm, and tails hidden in spells, down to 35 % of the length.
+pub fn spoil(track: &mut Track, seed: u64) {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0xbad);
+    let n = track.particle_count;
+    let mut phase = rng.random::<f64>() * 6.0;
+    for (points, weights) in track.points.chunks_exact_mut(n).zip(track.weights.chunks_exact_mut(n)) {
+        if rng.random::<f64>() < 0.1 {
+            let offset = DVec3::new(normal(&mut rng), normal(&mut rng), normal(&mut rng)).normalize() * 45.0;
+            points[3..].iter_mut().for_each(|p| *p += offset);
+        }
+        phase += 0.15;
+        let visible = (0.8 + 0.45 * phase.sin()).clamp(0.35, 1.0);
+        let hidden = (visible * n as f64) as usize;
+        weights[hidden..].fill(0.0);
+    }
 }
 
 /// Mean distance \[mm\] over the samples that count.

@@ -1,0 +1,202 @@
+//! The robust chain on synthetic truth with noise dials. Thresholds leave a tenth above what was measured.
+
+use strandflow_dynamics::{
+    GRAVITY, Model, Params, RestShape, State, Workspace,
+    derivative::check_derivative,
+    kernels::Kernels,
+    lanes::V3,
+    params::LaneParams,
+    refine::{RefineOptions, Refined, Take, Track, refine, refine_on},
+    rest::LaneRest,
+    step,
+    system::StepConstants,
+    window::{WindowInput, WindowWorkspace},
+};
+
+mod truth;
+use truth::{FRAME_SECS, Scene, Shape, Truth, error, jitter, lengths, noisy, regrown, spoil, truth as simulate};
+
+fn take(truth: &Truth) -> Take<'_> {
+    Take { world_from_head: &truth.world_from_head, gravity: GRAVITY, frame_secs: FRAME_SECS }
+}
+
+fn refined(truths: &[Truth], tracks: &[Track]) -> Vec<Refined> {
+    let out = refine(tracks, &take(&truths[0]), &RefineOptions::default());
+    out.into_iter().map(|r| r.expect("a strand with samples is refined")).collect()
+}
+
+const ALL: fn(usize) -> bool = |_| true;
+
+#[test]
+fn three_millimetres_of_noise() {
+    let shapes = [(Shape::Straight, 0.87), (Shape::Wavy, 0.97), (Shape::Helix, 1.15)];
+    let truths: Vec<Truth> = shapes.iter().map(|&(shape, _)| simulate(&Scene { shape, ..Scene::default() })).collect();
+    let tracks: Vec<Track> = truths.iter().map(|t| noisy(t, 3.0, 7)).collect();
+    for ((truth, (shape, most)), r) in truths.iter().zip(shapes).zip(refined(&truths, &tracks)) {
+        let (before, after) = (error(&r.cleaned, truth, ALL), error(&r.points, truth, ALL));
+        assert!(after <= most && after < before, "{shape:?}: {before:.2} to {after:.2} mm");
+        let (j, own) = (jitter(&r.points, truth.n), jitter(&truth.points, truth.n));
+        assert!(j <= own + 0.2, "{shape:?}: jitter {j:.2}, truth {own:.2}");
+        let [_, _, mean, deviation] = lengths(&r.points, truth.n);
+        assert!((mean / 195.0 - 1.0).abs() < 0.01 && deviation <= 0.5, "{shape:?}: {mean:.1} ± {deviation:.2}");
+        assert_eq!(r.windows[2], 0, "no window fails after cleaning");
+    }
+}
+
+#[test]
+fn clean_strands_are_left_alone() {
+    let truths = [simulate(&Scene::default()), simulate(&Scene { shape: Shape::Straight, ..Scene::default() })];
+    let tracks: Vec<Track> = truths.iter().map(|t| noisy(t, 0.0, 7)).collect();
+    for (truth, r) in truths.iter().zip(refined(&truths, &tracks)) {
+        let damage = error(&r.points, truth, ALL);
+        assert!(damage <= 0.1, "{damage:.3} mm");
+    }
+}
+
+#[test]
+fn unmodelled_wind() {
+    let truths: Vec<Truth> =
+        (0..4).map(|seed| simulate(&Scene { wind: 8000.0, step_secs: 1e-3, seed, ..Scene::default() })).collect();
+    let tracks: Vec<Track> = truths.iter().map(|t| noisy(t, 3.0, 7)).collect();
+    for ((truth, track), r) in truths.iter().zip(&tracks).zip(refined(&truths, &tracks)) {
+        let (input, after) = (error(&track.points, truth, ALL), error(&r.points, truth, ALL));
+        assert!(after < 0.35 * input, "{input:.2} to {after:.2} mm");
+    }
+}
+
+#[test]
+fn outlier_frames_and_hidden_tails() {
+    let truths: Vec<Truth> = (0..4).map(|seed| simulate(&Scene { seed, ..Scene::default() })).collect();
+    let plain: Vec<Track> = truths.iter().enumerate().map(|(k, t)| noisy(t, 3.0, k as u64)).collect();
+    let mut spoilt = plain.clone();
+    spoilt.iter_mut().enumerate().for_each(|(k, track)| spoil(track, k as u64));
+    let mean = |tracks: &[Track]| -> f64 {
+        let out = refined(&truths, tracks);
+        (0..4).map(|k| error(&out[k].points, &truths[k], |e| spoilt[k].weights[e] > 0.0)).sum::<f64>() / 4.0
+    };
+    let (without, with) = (mean(&plain), mean(&spoilt));
+    assert!(with < 2.0 * without, "{without:.2} to {with:.2} mm");
+}
+
+#[test]
+fn strands_grown_anew_in_each_frame() {
+    for tip in [15.0, 40.0] {
+        let truths: Vec<Truth> = (0..4).map(|seed| simulate(&Scene { frames: 30, seed, ..Scene::default() })).collect();
+        let tracks: Vec<Track> = truths.iter().enumerate().map(|(k, t)| regrown(t, tip, k as u64)).collect();
+        for ((truth, track), r) in truths.iter().zip(&tracks).zip(refined(&truths, &tracks)) {
+            assert!(error(&r.points, truth, ALL) < error(&track.points, truth, ALL));
+            let [_, _, mean, deviation] = lengths(&r.points, truth.n);
+            assert!(deviation < 0.02 * mean, "{mean} ± {deviation}");
+            let own = jitter(&truth.points, truth.n);
+            let excess = (jitter(&r.points, truth.n) - own) / (jitter(&track.points, truth.n) - own);
+            assert!(excess < 0.2, "jitter excess {excess:.2}");
+        }
+    }
+}
+
+#[test]
+fn single_precision_lanes_agree_with_scalar_doubles() {
+    let truths = [simulate(&Scene { frames: 12, n: 20, ..Scene::default() })];
+    let tracks = [noisy(&truths[0], 2.0, 3)];
+    let options = RefineOptions::default();
+    let wide = refined(&truths, &tracks);
+    let scalar = refine_on::<f64>(&tracks, &take(&truths[0]), &options);
+    let scalar = scalar[0].as_ref().expect("refined");
+    let most = wide[0].points.iter().zip(&scalar.points).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
+    assert!(most < 0.1, "{most:.4} mm");
+}
+
+#[test]
+fn anything_in_gives_finite_strands_out() {
+    let truth = simulate(&Scene { frames: 9, n: 12, ..Scene::default() });
+    let whole = noisy(&truth, 1.0, 1);
+    let mut tracks = vec![];
+    for n in [1usize, 2, 3, 4, 5, 12] {
+        let of = |e: usize| whole.points[e / n * 12 + e % n];
+        let points: Vec<_> = (0..9 * n).map(of).collect();
+        tracks.push(Track { particle_count: n, weights: vec![1.0; points.len()], points });
+    }
+    let mut broken = whole.clone();
+    broken.points[5].x = f64::NAN;
+    broken.points[40] *= 1e6;
+    broken.weights[60..100].fill(0.0);
+    let coincident = Track { points: vec![truth.points[0]; whole.points.len()], ..whole.clone() };
+    let unseen = Track { weights: vec![0.0; whole.points.len()], ..whole.clone() };
+    tracks.extend([broken, coincident, unseen]);
+    let out = refine(&tracks, &take(&truth), &RefineOptions::default());
+    assert!(out[8].is_none());
+    for (track, r) in tracks.iter().zip(&out).take(8) {
+        let r = r.as_ref().expect("refined");
+        assert_eq!(r.points.len(), track.points.len());
+        assert!(r.points.iter().all(|p| p.is_finite()));
+    }
+}
+
+#[test]
+fn exactly_straight_strands_stay_finite() {
+    let rest = Shape::Straight.points(30);
+    let model = Model::new(RestShape::from_positions(&rest, 5.0), 3);
+    let (mut state, mut workspace) = (State::at_rest(&rest), Workspace::new(&model));
+    for _ in 0..100 {
+        step(&model, &Params::default(), &mut state, &mut workspace, 2e-3, &rest[..3], &Default::default());
+    }
+    assert!(state.x.iter().chain(&state.v).all(|p| p.is_finite()));
+}
+
+#[test]
+fn window_gradients_match_central_differences() {
+    let truth = simulate(&Scene { frames: 6, n: 12, ..Scene::default() });
+    let n = truth.n;
+    let shape = RestShape::from_positions(&Shape::Helix.points(n), 5.0);
+    let rest = LaneRest::<f64>::new(&[&shape]);
+    let noisy = noisy(&truth, 0.5, 2).points;
+    let of = |e: usize| noisy[e].to_array();
+    let targets: Vec<V3<f64>> = (n..6 * n).map(of).collect();
+    let path: Vec<V3<f64>> = (0..18).map(|k| of(k / 3 * n + k % 3)).collect();
+    let weights = vec![1.0 / 60.0; 5 * n];
+    let mut workspace = WindowWorkspace::new(n, 25);
+    let mut run = |y: &[f64]| {
+        let p: [f64; 9] = std::array::from_fn(|a| y[a].exp());
+        let (x0, v0): (Vec<V3<f64>>, Vec<V3<f64>>) = (0..n)
+            .map(|i| {
+                let at =
+                    |from: usize| std::array::from_fn(|a| if i < 3 { of(i)[a] } else { y[from + 3 * (i - 3) + a] });
+                let v: V3<f64> = at(9 + 3 * (n - 3));
+                (at(9), if i < 3 { [0.0; 3] } else { v.map(|v| 100.0 * v) })
+            })
+            .unzip();
+        let constants = StepConstants { dt: 2e-3, gravity: GRAVITY.to_array(), transverse: 1.0, kinematic: 3 };
+        let input = WindowInput {
+            rest: &rest,
+            params: LaneParams(p),
+            constants,
+            substeps: 5,
+            x0: &x0,
+            v0: &v0,
+            path: &path,
+            targets: &targets,
+            weights: &weights,
+        };
+        f64::evaluate(&input, &mut workspace);
+        let mut gradient: Vec<f64> = (0..9).map(|a| p[a] * workspace.by_params[a]).collect();
+        gradient.extend(workspace.by_x0[3..].as_flattened());
+        gradient.extend(workspace.by_v0[3..].as_flattened().iter().map(|g| 100.0 * g));
+        (workspace.value, gradient)
+    };
+    let mut y: Vec<f64> = Params::default().to_array().map(f64::ln).to_vec();
+    y.extend((3..n).flat_map(of));
+    y.extend((3..n).flat_map(|i| ((noisy[n + i] - noisy[i]) / (100.0 * FRAME_SECS)).to_array()));
+    let (_, gradient) = run(&y);
+    let mut part = |range: std::ops::Range<usize>| {
+        let mut full = y.clone();
+        let e = check_derivative(&y[range.clone()], &gradient[range.clone()], 1e-5, |part| {
+            full[range.clone()].copy_from_slice(part);
+            run(&full).0
+        });
+        assert!(e.median <= 1e-7 && e.max <= 1e-5, "{range:?}: {e:?}");
+    };
+    let free = 3 * (n - 3);
+    part(0..9);
+    part(9..9 + free);
+    part(9 + free..9 + 2 * free);
+}
