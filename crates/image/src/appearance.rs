@@ -9,6 +9,8 @@ use crate::{
 
 const BINS: usize = 24;
 const TEXTURE_BINS: usize = 24;
+/// Either class may come into shadow: brightness factors and how much they count.
+const SHADES: [(f32, f32); 4] = [(1.0, 1.0), (0.85, 0.3), (0.7, 0.3), (0.55, 0.2)];
 
 /// Smoothed histograms of two classes: colour in opponent space, and texture.
 #[derive(Clone, Debug)]
@@ -46,10 +48,12 @@ impl Appearance {
         for i in 0..features.texture.data.len() {
             let (inside, outside) = weights(i);
             if inside > 0.0 || outside > 0.0 {
-                let (c, t) = (colour_bin(&features.colour, i), texture_bin(&features.texture, i));
+                let t = texture_bin(&features.texture, i);
                 for (class, weight) in [inside, outside].into_iter().enumerate() {
-                    colour[class][c] += weight;
                     texture[class][t] += weight;
+                    for (shade, share) in SHADES {
+                        colour[class][colour_bin(&features.colour, i, shade)] += share * weight;
+                    }
                 }
             }
         }
@@ -65,7 +69,7 @@ impl Appearance {
     /// Log likelihood ratio (inside over outside) of every pixel from colour and from texture.
     pub fn log_ratio(&self, features: &Features) -> (Plane<f32>, Plane<f32>) {
         let n = features.texture.data.len();
-        let colour = (0..n).map(|i| self.colour[colour_bin(&features.colour, i)]).collect();
+        let colour = (0..n).map(|i| self.colour[colour_bin(&features.colour, i, 1.0)]).collect();
         let texture = (0..n).map(|i| self.texture[texture_bin(&features.texture, i)]).collect();
         (Plane { data: colour, ..features.texture }, Plane { data: texture, ..features.texture })
     }
@@ -80,12 +84,12 @@ fn texture_bin(texture: &Plane<f32>, i: usize) -> usize {
     (((texture.data[i] + 1.2) * 5.0) as isize).clamp(0, TEXTURE_BINS as isize - 1) as usize
 }
 
-fn colour_bin(features: &[Plane<f32>; 3], i: usize) -> usize {
+fn colour_bin(features: &[Plane<f32>; 3], i: usize, shade: f32) -> usize {
     let quantise =
         |value: f32, low: f32, step: f32| (((value - low) / step) as isize).clamp(0, BINS as isize - 1) as usize;
-    let l = quantise(features[0].data[i], 0.0, 256.0 / BINS as f32);
-    let a = quantise(features[1].data[i], -72.0, 6.0);
-    let b = quantise(features[2].data[i], -96.0, 6.0);
+    let l = quantise(shade * features[0].data[i], 0.0, 256.0 / BINS as f32);
+    let a = quantise(shade * features[1].data[i], -72.0, 6.0);
+    let b = quantise(shade * features[2].data[i], -96.0, 6.0);
     (l * BINS + a) * BINS + b
 }
 

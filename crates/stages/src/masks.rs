@@ -80,8 +80,8 @@ impl Default for MasksSettings {
             hole_area_px: 60,
             shadow: 0.06,
             border_px: 6,
-            appearance_weight: 1.0,
-            appearance_dead_zone: 1.0,
+            appearance_weight: 1.5,
+            appearance_dead_zone: 0.5,
             appearance_px: 0.8,
             texture_px: 2.0,
         }

@@ -1,0 +1,196 @@
+//! Masks, pose and orientations on synthetic pictures with known truth.
+
+use std::{collections::BTreeMap, sync::Arc};
+
+use glam::{DMat3, DVec2, DVec3};
+use strandflow_core::{
+    Camera, Distortion, FrameRange, ImageSource, Mask, Place, Plane, Report, RgbImage, Rig, RigidTransform, SourceError,
+};
+use strandflow_geometry::project::project;
+use strandflow_stages::{Mode, StageError, masks, orient, pose};
+
+/// Noise of about 3 code values, the same for the same seed.
+struct Noise(u32);
+
+impl Noise {
+    fn next(&mut self) -> f64 {
+        let mut sum = 0.0;
+        for _ in 0..4 {
+            self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            sum += f64::from(self.0 >> 16) / 65536.0 - 0.5;
+        }
+        5.0 * sum
+    }
+}
+
+/// Lines at `theta` with irregular brightness across them.
+fn line_texture(theta: f64, x: f64, y: f64) -> f64 {
+    let across = -x * theta.sin() + y * theta.cos();
+    100.0 + 12.0 * (across * 1.1).sin() + 10.0 * (across * 0.73 + 1.0).sin() + 8.0 * (across * 1.63 + 2.0).sin()
+}
+
+#[test]
+fn noisy_lines_are_read_within_two_degrees_and_confidence_orders_errors() {
+    let (w, h) = (160, 140);
+    let mut noise = Noise(5);
+    // The texture fades to the right: confidence must follow.
+    let theta = 1.1f64;
+    let image = Plane::from_fn(w, h, |x, y| {
+        let contrast = 1.0 - x as f64 / w as f64;
+        let v = 100.0 + contrast * (line_texture(theta, x as f64, y as f64) - 100.0) + 2.0 * noise.next();
+        [v as u8; 3]
+    });
+    let hair = Plane::from_fn(w, h, |x, y| if x > 8 && y > 8 && x < w - 4 && y < h - 8 { 255 } else { 0 });
+    let start = std::time::Instant::now();
+    let (settings, place) = (orient::OrientSettings::default(), Place::default());
+    let map = orient::orient(&place, &image, &hair, &hair, Mode::Robust, &settings, &mut Report::default()).unwrap();
+    println!("orient: {:.0} ms for {} hair pixels", start.elapsed().as_secs_f64() * 1e3, (w - 13) * (h - 17));
+    let mut rated: Vec<(f32, f64)> = (0..w * h)
+        .filter(|&i| hair.data[i] > 0)
+        .map(|i| {
+            let d = (f64::from(map.angle.data[i]) - theta).rem_euclid(std::f64::consts::PI);
+            (map.confidence.data[i], d.min(std::f64::consts::PI - d).to_degrees())
+        })
+        .collect();
+    rated.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mean = |part: &[(f32, f64)]| part.iter().map(|r| r.1).sum::<f64>() / part.len() as f64;
+    let (sure, unsure) = rated.split_at(rated.len() / 2);
+    assert!(mean(sure) < 2.0 && mean(sure) < mean(unsure), "{} {}", mean(sure), mean(unsure));
+    assert!((0..w * h).all(|i| hair.data[i] > 0 || (map.angle.data[i] == 0.0 && map.confidence.data[i] == 0.0)));
+    let wrong = Plane::filled(w + 1, h, 255u8);
+    let error = orient::orient(&place, &image, &wrong, &hair, Mode::Robust, &settings, &mut Report::default());
+    assert!(matches!(error, Err(StageError::Input { .. })));
+}
+
+/// A head of skin below and textured hair above, moved by `shift`, before a flat wall.
+fn head_scene(shift: f64, seed: u32) -> (RgbImage, Mask, Mask) {
+    let (w, h) = (150, 130);
+    let mut noise = Noise(seed);
+    let at = |x: usize, y: usize| (x as f64 - 60.0 - shift, y as f64 - 60.0 - 0.5 * shift);
+    let subject = |x: usize, y: usize| at(x, y).0.hypot(at(x, y).1) < 38.0;
+    let hair = |x: usize, y: usize| subject(x, y) && at(x, y).1 < 8.0;
+    let image = Plane::from_fn(w, h, |x, y| {
+        let (u, v) = at(x, y);
+        let base = match (hair(x, y), subject(x, y)) {
+            (true, _) => [0.0, -28.0, -55.0].map(|c| line_texture(1.4, u, v) + c),
+            (_, true) => [215.0, 180.0, 155.0],
+            _ => [150.0, 172.0, 158.0],
+        };
+        base.map(|c| (c + noise.next()).clamp(0.0, 255.0) as u8)
+    });
+    let mask = |f: &dyn Fn(usize, usize) -> bool| Plane::from_fn(w, h, |x, y| if f(x, y) { 255 } else { 0 });
+    (image, mask(&subject), mask(&hair))
+}
+
+fn iou(a: &Mask, b: &Mask) -> f64 {
+    let count = |f: fn(bool, bool) -> bool| {
+        a.data.iter().zip(&b.data).filter(|(a, b)| f(**a >= 128, **b >= 128)).count() as f64
+    };
+    count(|a, b| a && b) / count(|a, b| a || b)
+}
+
+#[test]
+fn hair_is_carried_over_five_frames_from_the_first_mask() {
+    let plate = {
+        let mut noise = Noise(99);
+        Plane::from_fn(150, 130, |_, _| [150.0, 172.0, 158.0].map(|c| (c + noise.next()) as u8))
+    };
+    let (key_image, _, key_hair) = head_scene(0.0, 1);
+    for mode in [Mode::Paper, Mode::Robust] {
+        let mut before: Option<(RgbImage, masks::Masks)> = None;
+        for t in 0..6u32 {
+            let (image, subject, hair) = head_scene(4.0 * f64::from(t), t + 1);
+            let input = masks::MasksInput {
+                place: Place::default(),
+                image: &image,
+                plate: &plate,
+                given_subject: None,
+                given_hair: (t == 0).then_some(&key_hair),
+                previous: before.as_ref().map(|(image, masks)| masks::PreviousFrame { image, masks }),
+                key: Some((&key_image, &key_hair)),
+            };
+            let settings = masks::MasksSettings::default();
+            let found = masks::masks(&input, mode, &settings, &mut Report::default()).unwrap();
+            let (s, h) = (iou(&found.subject, &subject), iou(&found.hair, &hair));
+            assert!(s > 0.97 && h > 0.93, "{mode:?} frame {t}: subject {s:.3}, hair {h:.3}");
+            before = Some((image, found));
+        }
+    }
+}
+
+struct Takes {
+    images: Vec<Vec<Arc<RgbImage>>>,
+}
+
+impl ImageSource for Takes {
+    fn image(&self, view: usize, frame: usize) -> Result<Arc<RgbImage>, SourceError> {
+        Ok(self.images[frame][view].clone())
+    }
+}
+
+fn pose_at(t: usize) -> RigidTransform {
+    let angle = 0.012 * (t * t) as f64;
+    RigidTransform { rotation: DMat3::from_rotation_y(angle), translation: DVec3::new(1.5 * t as f64, -0.5, 0.0) }
+}
+
+#[test]
+fn a_turning_head_is_followed_by_its_balls() {
+    let camera = |i: usize| Camera {
+        name: format!("c{i}"),
+        width: 200,
+        height: 160,
+        focal: [700.0; 2],
+        principal: [100.0, 80.0],
+        distortion: Distortion::None,
+        camera_from_world: RigidTransform {
+            rotation: DMat3::from_rotation_y(0.5 * i as f64 - 0.5),
+            translation: DVec3::new(0.0, 0.0, 900.0),
+        },
+    };
+    let rig = Rig { cameras: (0..3).map(camera).collect() };
+    let balls: Vec<DVec3> = (0..7)
+        .map(|i| {
+            DVec3::new(-75.0 + 25.0 * f64::from(i), if i % 2 == 0 { -45.0 } else { 30.0 }, f64::from(i * i % 5) * 12.0)
+        })
+        .collect();
+    let colours = [[230.0, 40.0, 40.0], [40.0, 200.0, 60.0], [50.0, 70.0, 230.0], [230.0, 210.0, 40.0]];
+    let mut noise = Noise(3);
+    let mut shot = |t: usize, view: usize| {
+        let seen: Vec<_> = balls.iter().map(|b| project(&rig.cameras[view], pose_at(t).point(*b)).unwrap()).collect();
+        Arc::new(Plane::from_fn(200, 160, |x, y| {
+            let mut colour = [110.0, 90.0, 70.0];
+            for (i, p) in seen.iter().enumerate() {
+                let a = (5.0 - DVec2::new(x as f64 + 0.5, y as f64 + 0.5).distance(*p)).clamp(0.0, 1.0);
+                (0..3).for_each(|c| colour[c] += a * (colours[i % 4][c] - colour[c]));
+            }
+            colour.map(|c| (c + noise.next()).clamp(0.0, 255.0) as u8)
+        }))
+    };
+    let images = (0..6).map(|t| (0..3).map(|view| shot(t, view)).collect()).collect();
+    let labels: Vec<pose::MarkerLabel> = balls
+        .iter()
+        .enumerate()
+        .map(|(i, b)| {
+            let views = rig.cameras.iter().enumerate().map(|(v, c)| (v, project(c, *b).unwrap()));
+            let views: BTreeMap<usize, DVec2> = views.collect();
+            pose::MarkerLabel { id: i as u32, views }
+        })
+        .collect();
+    let source = Takes { images };
+    let input =
+        |labels| pose::PoseInput { rig: &rig, images: &source, frames: FrameRange { start: 0, end: 6 }, labels };
+    let settings = pose::PoseSettings::default();
+    for (mode, degrees) in [(Mode::Robust, 0.15), (Mode::Paper, 3.0)] {
+        let found = pose::pose(&input(&labels), mode, &settings, &mut Report::default()).unwrap();
+        let first = pose_at(0).inverse();
+        for t in 0..6 {
+            let truth = pose_at(t).after(&first);
+            let turn = found.world_from_head[t].inverse().after(&truth).angle().to_degrees();
+            let shift = found.world_from_head[t].point(DVec3::ZERO).distance(truth.point(DVec3::ZERO));
+            println!("{mode:?} frame {t}: {turn:.3} degrees, {shift:.3} mm");
+            assert!(turn < degrees && shift < 5.0 * degrees, "{mode:?} frame {t}: {turn}, {shift}");
+        }
+    }
+    let error = pose::pose(&input(&labels[..4]), Mode::Robust, &settings, &mut Report::default());
+    assert!(matches!(error, Err(StageError::Input { .. })));
+}
