@@ -2,6 +2,7 @@
 
 pub mod align;
 pub mod blue_noise;
+pub mod icp;
 pub mod mesh_distance;
 pub mod polyline;
 pub mod primitives;
