@@ -127,11 +127,10 @@ fn refine(from: &[Plane<f32>], to: &[Plane<f32>], flow: &mut Flow, options: &Flo
         let (ax, ay) = gradients(a);
         gx.data.iter_mut().zip(&ax.data).for_each(|(g, a)| *g = 0.5 * (*g + a));
         gy.data.iter_mut().zip(&ay.data).for_each(|(g, a)| *g = 0.5 * (*g + a));
-        for i in 0..n {
+        for (i, d) in data.iter_mut().enumerate() {
             let r = moved.data[i] - a.data[i];
             let w = 1.0 / (1.0 + r * r / sigma2).powi(2);
             let (x, y) = (gx.data[i], gy.data[i]);
-            let d = &mut data[i];
             d[0] += w * x * x;
             d[1] += w * x * y;
             d[2] += w * y * y;
