@@ -46,7 +46,7 @@ mod tests {
     #[test]
     fn a_right_gradient_passes_and_a_wrong_one_does_not() {
         let f = |x: &[f64]| x[0].sin() * x[1].exp();
-        let x = [0.4, -0.3];
+        let x = [0.4f64, -0.3];
         let right = [x[0].cos() * x[1].exp(), f(&x)];
         assert!(check_derivative(&x, &right, 1e-5, f).max < 1e-9);
         assert!(check_derivative(&x, &[right[0] * 1.001, right[1]], 1e-5, f).max > 1e-4);

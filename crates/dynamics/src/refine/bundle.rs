@@ -71,8 +71,9 @@ impl<R: Kernels> Bundle<R> {
         };
         for lane in 0..R::COUNT {
             // Prox weighs shape against data; cleaner data weigh more.
-            let share = of_lane(lane).map_or(1.0, |p| (p.noise_mm / FULL_PROX_NOISE_MM).powi(2).clamp(1e-4, 1.0));
+            let share = of_lane(lane).map_or(1.0, |p| (p.noise_mm / FULL_PROX_NOISE_MM).powi(4).clamp(1e-5, 1.0));
             let stiffness = options.start.stiffness.map(|k| share * k);
+            (0..3).for_each(|axis| bundle.prox.gravity[axis].set(lane, share * take.gravity[axis]));
             bundle.prox_params.set(lane, &Params { stiffness, damping: [0.0; 4], drag: 0.0 });
         }
         for t in 0..frames {
@@ -116,7 +117,7 @@ impl<R: Kernels> Bundle<R> {
     }
 }
 
-/// Noise per coordinate from which on the prox acts fully \[mm\]; below, its stiffness falls with the variance, so
+/// Noise per coordinate from which on the prox acts fully \[mm\]; below, its stiffness falls with the fourth power, so
 /// that clean strands are left alone.
 const FULL_PROX_NOISE_MM: f64 = 1.0;
 

@@ -82,9 +82,9 @@ pub fn refine_bundle<R: Kernels>(lanes: &[&Prepared], take: &Take, options: &Ref
         .collect()
 }
 
-/// Noise per coordinate at which samples and refinement count alike \[mm\]. At 1 mm the samples have a share of 1/600,
+/// Noise per coordinate at which samples and refinement count alike \[mm\]. At 1 mm the samples have a share of 1/40,
 /// and strands without noise keep their samples.
-const FAITHFUL_NOISE_MM: f64 = 0.2;
+const FAITHFUL_NOISE_MM: f64 = 0.4;
 
 /// Adds back what the samples say consistently over time against the simulation, in head space.
 fn add_structure<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Take, x: &mut [V3<R>]) {
