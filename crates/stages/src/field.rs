@@ -69,7 +69,8 @@ pub struct FieldSettings {
     /// Patches without hair smaller than this do not open the hair volume: markers and holes in masks \[mm²\].
     pub bare_patch_mm2: f64,
     /// Layers of voxels taken off the hull, robust mode. The hull holds all hair by construction and is larger than it
-    /// everywhere: hulls of seven views lay 6 mm outside the hair in the median.
+    /// everywhere: hulls of seven views lay 6 mm outside the hair in the median. Measured on two rendered captures, F1 of
+    /// the strands at 3 mm/30° with 1 and 2 layers: 0.74 and 0.78 (short straight), 0.74 and 0.76 (long wavy).
     pub shell_voxels: usize,
     /// How deep behind the hull a bare pixel opens the hair volume where no scalp is known \[mm\].
     pub bare_depth_mm: f64,
@@ -84,7 +85,7 @@ impl Default for FieldSettings {
             line_weight: 2.0,
             fade_mm: 30.0,
             bare_patch_mm2: 300.0,
-            shell_voxels: 1,
+            shell_voxels: 2,
             bare_depth_mm: 10.0,
         }
     }

@@ -148,7 +148,12 @@ impl<'a> View<'a> {
             let direction = glam::DVec2::from_angle(f64::from(map.angle[(x, y)]));
             (plane_normal(camera, pixel, direction).as_vec3(), confidence)
         });
-        Self { camera, centre: camera.centre_in_world().as_vec3(), planes, depth: DepthMap::of_voxels(camera, &input.hull.grid, surface) }
+        Self {
+            camera,
+            centre: camera.centre_in_world().as_vec3(),
+            planes,
+            depth: DepthMap::of_voxels(camera, &input.hull.grid, surface),
+        }
     }
 }
 

@@ -1,0 +1,274 @@
+//! Lines, field, strands and outlier tests on a hair of known directions: a ball covered with meridians.
+
+use glam::{DMat3, DVec2, DVec3, Vec3};
+use strandflow_core::{
+    Camera, Distortion, Grid, Mask, Occupancy, Plane, Provenance, Report, Rig, RigidTransform, SparseVoxels, Strands,
+    TriMesh,
+};
+use strandflow_geometry::project::{project, project_direction, ray};
+use strandflow_stages::{
+    Mode,
+    field::{FieldInput, FieldSettings, FieldVoxel, field},
+    grow::{GrowInput, GrowSettings, grow},
+    lift::{LiftInput, LiftSettings, Line, lift},
+    orient::OrientationMap,
+    prune::{PruneInput, PruneSettings, prune},
+};
+
+const HAIR: f64 = 60.0;
+const HEAD: f64 = 48.0;
+
+/// Seven cameras on an arc of 200° around a ball at the origin, z up.
+fn rig() -> Rig {
+    let camera = |i: usize| {
+        let azimuth = (i as f64 * 33.0).to_radians();
+        let centre = DVec3::new(azimuth.cos(), azimuth.sin(), 0.3 + 0.1 * (i % 3) as f64).normalize() * 900.0;
+        let forward = -centre.normalize();
+        let right = forward.cross(DVec3::Z).normalize();
+        let rotation = DMat3::from_cols(right, forward.cross(right), forward).transpose();
+        Camera {
+            name: format!("c{i}"),
+            width: 240,
+            height: 240,
+            focal: [1300.0; 2],
+            principal: [120.0; 2],
+            distortion: Distortion::None,
+            camera_from_world: RigidTransform { rotation, translation: -(rotation * centre) },
+        }
+    };
+    Rig { cameras: (0..7).map(camera).collect() }
+}
+
+/// The direction of the hair at a point: down along the meridian.
+fn meridian(point: DVec3) -> DVec3 {
+    let out = point.normalize();
+    (DVec3::NEG_Z + out * out.z).normalize_or(DVec3::X)
+}
+
+struct Scene {
+    rig: Rig,
+    hull: Occupancy,
+    maps: Vec<OrientationMap>,
+    hairs: Vec<Mask>,
+}
+
+/// What the cameras see of the ball; `noise` is the amplitude of a smooth error of the orientations \[rad\].
+fn scene(noise: f64, wrong_view: Option<usize>) -> Scene {
+    let rig = rig();
+    let grid = Grid { origin: DVec3::splat(-70.0), voxel_mm: 2.0, dims: [70; 3] };
+    let mut hull = Occupancy::empty(grid);
+    for index in 0..grid.len() {
+        hull.set(index, grid.centre_of_index(index).length() <= HAIR + 1.0);
+    }
+    let hit = |camera: &Camera, x: usize, y: usize| {
+        let ray = ray(camera, DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
+        let b = ray.origin.dot(ray.direction);
+        let inner = b * b - ray.origin.length_squared() + HAIR * HAIR;
+        (inner > 0.0).then(|| ray.origin + ray.direction * (-b - inner.sqrt()))
+    };
+    let mut maps = Vec::new();
+    let mut hairs = Vec::new();
+    for (v, camera) in rig.cameras.iter().enumerate() {
+        let angle = Plane::from_fn(camera.width, camera.height, |x, y| {
+            let Some(point) = hit(camera, x, y) else { return 0.0 };
+            let d = project_direction(camera, point, meridian(point)).unwrap_or(DVec2::X);
+            let error = noise * (x as f64 * 0.11 + v as f64).sin() * (y as f64 * 0.13 + 2.0 * v as f64).cos();
+            let off = if wrong_view == Some(v) { 1.0 } else { 0.0 };
+            (d.to_angle() + error + off).rem_euclid(std::f64::consts::PI) as f32
+        });
+        let seen = |x: usize, y: usize| hit(camera, x, y).is_some();
+        let confidence = Plane::from_fn(camera.width, camera.height, |x, y| if seen(x, y) { 0.8 } else { 0.0 });
+        hairs.push(Plane::from_fn(camera.width, camera.height, |x, y| if seen(x, y) { 255 } else { 0 }));
+        maps.push(OrientationMap { angle, confidence });
+    }
+    Scene { rig, hull, maps, hairs }
+}
+
+impl Scene {
+    fn lines(&self, mode: Mode) -> SparseVoxels<Line> {
+        let (maps, hairs) = (self.maps.iter().collect::<Vec<_>>(), self.hairs.iter().collect::<Vec<_>>());
+        let input = LiftInput { rig: &self.rig, frame: 0, hull: &self.hull, maps: &maps, hairs: &hairs };
+        lift(&input, mode, &LiftSettings::default(), &mut Report::default()).unwrap()
+    }
+
+    fn field(&self, lines: &SparseVoxels<Line>, mode: Mode) -> SparseVoxels<FieldVoxel> {
+        let hairs = self.hairs.iter().collect::<Vec<_>>();
+        let input = FieldInput {
+            rig: &self.rig,
+            frame: 0,
+            hull: &self.hull,
+            lines,
+            hairs: &hairs,
+            scalp: &ball(HEAD),
+            world_from_head: RigidTransform::IDENTITY,
+        };
+        field(&input, mode, &FieldSettings::default(), &mut Report::default()).unwrap()
+    }
+}
+
+/// A latitude–longitude ball.
+fn ball(radius: f64) -> TriMesh {
+    let (rows, columns) = (24u32, 48u32);
+    let mut mesh = TriMesh::default();
+    for i in 0..=rows {
+        for j in 0..columns {
+            let (sin, cos) = (std::f64::consts::PI * f64::from(i) / f64::from(rows)).sin_cos();
+            let (y, x) = (std::f64::consts::TAU * f64::from(j) / f64::from(columns)).sin_cos();
+            mesh.vertices.push(DVec3::new(sin * x, sin * y, cos) * radius);
+        }
+    }
+    for (i, j) in (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))) {
+        let at = |i: u32, j: u32| i * columns + j % columns;
+        mesh.faces.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+        mesh.faces.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+    }
+    mesh
+}
+
+fn mean_error_deg(grid: &Grid, found: impl Iterator<Item = (u32, Vec3)>) -> (f64, usize) {
+    let errors: Vec<f64> = found
+        .filter(|&(index, _)| grid.centre_of_index(index as usize).truncate().length() > 15.0)
+        .map(|(index, d)| {
+            let truth = meridian(grid.centre_of_index(index as usize));
+            d.as_dvec3().dot(truth).abs().min(1.0).acos().to_degrees()
+        })
+        .collect();
+    (errors.iter().sum::<f64>() / errors.len() as f64, errors.len())
+}
+
+fn grown(field: &SparseVoxels<FieldVoxel>) -> (Strands, Vec<DVec3>) {
+    // Roots on the seen side of the upper half.
+    let normals: Vec<DVec3> = (0..400)
+        .map(|i| {
+            let (azimuth, z) = (0.3 + 2.8 * ((i * 37) % 400) as f64 / 400.0, 0.2 + 0.6 * i as f64 / 400.0);
+            DVec3::new(azimuth.cos() * (1.0 - z * z).sqrt(), azimuth.sin() * (1.0 - z * z).sqrt(), z)
+        })
+        .collect();
+    let roots: Vec<DVec3> = normals.iter().map(|n| *n * HEAD).collect();
+    let input = GrowInput {
+        frame: 0,
+        field,
+        roots: &roots,
+        normals: &normals,
+        world_from_head: RigidTransform::IDENTITY,
+        gravity: DVec3::new(0.0, 0.0, -9810.0),
+    };
+    (grow(&input, Mode::Robust, &GrowSettings::default(), &mut Report::default()).unwrap(), roots)
+}
+
+#[test]
+fn lines_follow_the_meridians_in_both_modes() {
+    let scene = scene(0.1, None);
+    // Robust mode looks 16 mm deep into a ball of 60 mm: there the rays of two views meet the surface where its meridians differ.
+    for (mode, most, least) in [(Mode::Paper, 6.0, 1500), (Mode::Robust, 8.0, 8000)] {
+        let lines = scene.lines(mode);
+        let (error, count) = mean_error_deg(
+            &lines.grid,
+            lines.indices.iter().copied().zip(lines.values.iter().map(|line| line.direction)),
+        );
+        assert!(error < most && count > least, "{mode:?}: {error:.1}°, {count} lines");
+        assert!(lines.values.iter().all(|line| line.views >= 3 && line.confidence > 0.0));
+    }
+}
+
+#[test]
+fn a_wrong_view_spoils_the_plain_average_but_not_the_robust_line() {
+    let scene = scene(0.0, Some(3));
+    let error = |mode| {
+        let lines = scene.lines(mode);
+        mean_error_deg(&lines.grid, lines.indices.iter().copied().zip(lines.values.iter().map(|line| line.direction))).0
+    };
+    let (paper, robust) = (error(Mode::Paper), error(Mode::Robust));
+    assert!(robust < 7.0, "{robust:.1}° against {paper:.1}°");
+}
+
+#[test]
+fn the_field_fills_the_shell_and_trusts_what_was_seen() {
+    let scene = scene(0.1, None);
+    let lines = scene.lines(Mode::Robust);
+    let field = scene.field(&lines, Mode::Robust);
+    let grid = field.grid;
+    let seen_side = |&(index, _): &(u32, Vec3)| grid.centre_of_index(index as usize).y > 10.0;
+    let all = || field.indices.iter().copied().zip(field.values.iter().map(|voxel| voxel.direction));
+    let (error, count) = mean_error_deg(&grid, all().filter(seen_side));
+    // The shell from the head to two voxels below the hull, where y > 10 mm, has 19,000 voxels.
+    assert!(error < 12.0 && count > 18_000, "{error:.1}° over {count} voxels");
+    assert!(
+        field.indices.iter().all(|&i| grid.centre_of_index(i as usize).length() > HEAD - 4.0),
+        "hair inside the head"
+    );
+    let mean_trust = |observed: bool| {
+        let of: Vec<f32> = field.values.iter().filter(|v| v.observed == observed).map(|v| v.trust).collect();
+        of.iter().sum::<f32>() / of.len() as f32
+    };
+    assert!(mean_trust(true) > 1.3 * mean_trust(false));
+}
+
+#[test]
+fn strands_run_down_the_meridians_and_outliers_are_found() {
+    let scene = scene(0.05, None);
+    let field = scene.field(&scene.lines(Mode::Robust), Mode::Robust);
+    let (mut strands, roots) = grown(&field);
+    assert_eq!(strands.strand_count(), roots.len());
+    let mut good = 0;
+    for n in 0..strands.strand_count() {
+        let points = strands.strand(n);
+        let errors: Vec<f64> = points
+            .windows(2)
+            .skip(5)
+            .map(|pair| {
+                (pair[1] - pair[0]).as_dvec3().normalize().dot(meridian(pair[0].as_dvec3())).acos().to_degrees()
+            })
+            .collect();
+        let mean = errors.iter().sum::<f64>() / errors.len().max(1) as f64;
+        good += usize::from(points.len() > 20 && mean < 15.0);
+        assert!(points.iter().all(|p| (p.length() as f64) < HAIR + 5.0 && p.length() as f64 > HEAD - 5.0));
+    }
+    assert!(good > 340, "{good} of 400 strands run well");
+    assert!(strands.provenance.contains(&Provenance::Observed) && strands.provenance.contains(&Provenance::Diffused));
+
+    // Forty strands that run around instead of down.
+    for i in 0..40 {
+        let (azimuth, z) = (0.6 + 0.05 * i as f32, -0.3 + 0.015 * i as f32);
+        let at = |k: usize| {
+            let a = azimuth + 0.035 * k as f32;
+            Vec3::new(a.cos() * (1.0 - z * z).sqrt(), a.sin() * (1.0 - z * z).sqrt(), z) * 59.0
+        };
+        let points: Vec<Vec3> = (0..40).map(at).collect();
+        strands.push(&points, &[Provenance::Diffused; 40], &[0.5; 40]);
+    }
+    let maps = scene.maps.iter().collect::<Vec<_>>();
+    let input = PruneInput { rig: &scene.rig, frame: 0, hull: &scene.hull, strands: &strands, maps: &maps };
+    for mode in [Mode::Paper, Mode::Robust] {
+        let pruned = prune(&input, mode, &PruneSettings::default(), &mut Report::default()).unwrap();
+        let rejected =
+            |range: std::ops::Range<usize>| pruned.flags[range].iter().filter(|&&f| f == 1 || f == 2).count();
+        assert!(rejected(400..440) >= 36, "{mode:?}: {} of 40 outliers found", rejected(400..440));
+        assert!(rejected(0..400) <= 20, "{mode:?}: {} good strands lost", rejected(0..400));
+        assert_eq!(pruned.strands.strand_count(), 440);
+        assert!((0..440).all(|n| (pruned.flags[n] == 0) != pruned.strands.strand(n).is_empty()));
+    }
+}
+
+#[test]
+fn the_result_does_not_depend_on_the_number_of_threads() {
+    let scene = scene(0.1, None);
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let field = scene.field(&scene.lines(Mode::Robust), Mode::Robust);
+            grown(&field).0
+        })
+    };
+    assert_eq!(run(1), run(2));
+}
+
+#[test]
+fn every_default_is_in_range_and_violations_are_all_named() {
+    assert!(LiftSettings::default().check().is_empty() && FieldSettings::default().check().is_empty());
+    assert!(GrowSettings::default().check().is_empty() && PruneSettings::default().check().is_empty());
+    let wrong = GrowSettings { step_mm: 0.0, inertia: 1.0, ..GrowSettings::default() };
+    let fields: Vec<String> = wrong.check().into_iter().map(|violation| violation.field).collect();
+    assert_eq!(fields, ["grow.step_mm", "grow.inertia"]);
+    assert!(project(&rig().cameras[0], DVec3::ZERO).is_some());
+}
