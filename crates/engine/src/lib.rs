@@ -1,1 +1,39 @@
 //! The take on disk, the stage table, staleness, resume and executors.
+//!
+//! - [`manifest`] and [`settings`]: what the user states; [`plan`]: what a run works on, resolved.
+//! - [`take`] and [`read`]: a take opened, and its results as types of the vocabulary.
+//! - [`table`]: the thirteen stages; [`rooms`]: how each loads, computes and stores.
+//! - [`store`]: Zarr arrays and the records of finished items; [`needs`]: what a result rests on.
+//! - [`run`](mod@run), [`status`](mod@status), [`events`]: the executor, what it finds, what it tells.
+
+pub mod disk;
+pub mod error;
+pub mod events;
+pub mod footage;
+pub mod item;
+pub mod manifest;
+pub mod memory;
+pub mod needs;
+pub mod plan;
+pub mod read;
+pub mod rooms;
+pub mod run;
+pub mod scaffold;
+pub mod settings;
+pub mod sources;
+pub mod status;
+pub mod store;
+pub mod table;
+pub mod take;
+
+pub use error::EngineError;
+pub use events::{Event, Outcome};
+pub use item::{Item, Kind};
+pub use manifest::Manifest;
+pub use needs::Needs;
+pub use plan::Plan;
+pub use run::{RunOptions, Summary, run};
+pub use settings::Settings;
+pub use status::status;
+pub use table::{Job, STAGES, stage_index};
+pub use take::Take;

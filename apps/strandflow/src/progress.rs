@@ -1,0 +1,64 @@
+//! Progress bars: one a phase, with rate and time left; findings and failures above them.
+
+use std::sync::{Mutex, PoisonError};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use strandflow_engine::{Event, Outcome};
+
+/// Failures shown in words per phase; the rest is counted in the summary.
+const SHOWN: usize = 3;
+
+/// Draws on stderr where that is a terminal; otherwise writes one line a phase.
+#[derive(Default)]
+pub struct Progress(Mutex<State>);
+
+#[derive(Default)]
+struct State {
+    bar: Option<ProgressBar>,
+    shown: usize,
+}
+
+impl Progress {
+    /// Shows an event.
+    pub fn show(&self, event: &Event) {
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        match event {
+            Event::PhaseStarted { phase, summary, items } => {
+                let bar = ProgressBar::new(*items as u64).with_message(format!("{phase:<16} {summary}"));
+                bar.set_style(style());
+                bar.enable_steady_tick(std::time::Duration::from_millis(250));
+                *state = State { bar: Some(bar), shown: 0 };
+            }
+            Event::Item { place, outcome, failure, .. } => {
+                let Some(bar) = &state.bar else { return };
+                if *outcome == Outcome::Fresh {
+                    // Fresh items cost nothing: they must not make the rate look better than it is.
+                    bar.set_length(bar.length().unwrap_or(1).saturating_sub(1));
+                } else {
+                    bar.inc(1);
+                }
+                if let (Outcome::Failed, Some(failure)) = (outcome, failure)
+                    && state.shown < SHOWN
+                {
+                    bar.suspend(|| eprintln!("{place}: {}", failure.error));
+                    state.shown += 1;
+                }
+            }
+            Event::PhaseFinished { phase, secs, .. } => {
+                if let Some(bar) = state.bar.take() {
+                    let hidden = bar.is_hidden();
+                    let done = bar.position();
+                    bar.finish_and_clear();
+                    if done > 0 || hidden {
+                        eprintln!("{phase:<16} {done:>5} items {secs:>8.1} s");
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn style() -> ProgressStyle {
+    let template = "{msg:<58} {bar:24} {pos:>5}/{len} {per_sec:>12} {eta:>5} left";
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+}

@@ -1,0 +1,108 @@
+//! `strandflow run`: stages, progress, summary.
+
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, Ordering},
+};
+
+use strandflow_engine::{
+    Event, RunOptions, STAGES, Summary, Take,
+    run::{PhaseSummary, run as run_stages},
+    stage_index,
+};
+
+use crate::{args::RunArgs, failure::Failed, progress::Progress};
+
+pub fn run(args: &RunArgs) -> Result<(), Failed> {
+    let options = options(args)?;
+    let take = Take::open(&args.take)?;
+    let plan = take.plan(args.mode.map(Into::into), args.frames)?;
+    let stop = stop_on_ctrl_c();
+    let summary = if args.json {
+        run_stages(&take, &plan, &options, &stop, &print_json)?
+    } else {
+        let progress = Progress::default();
+        run_stages(&take, &plan, &options, &stop, &|event| progress.show(event))?
+    };
+    if !args.json {
+        eprint!("{}", table(&summary));
+    }
+    conclude(&summary)
+}
+
+fn options(args: &RunArgs) -> Result<RunOptions, Failed> {
+    let default = RunOptions::default();
+    let from = args.from.as_deref().map_or(Ok(default.from), stage_index)?;
+    let to = args.to.as_deref().map_or(Ok(default.to), stage_index)?;
+    if from > to {
+        let hint = format!("{} comes after {}", STAGES[from].name, STAGES[to].name);
+        return Err(Failed::input("--from names a later stage than --to", hint));
+    }
+    Ok(RunOptions { from, to, threads: args.threads.unwrap_or(default.threads) })
+}
+
+/// The first Ctrl-C stops between items; the second ends the program, which costs the items in flight and no more.
+fn stop_on_ctrl_c() -> Arc<AtomicBool> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let seen = stop.clone();
+    let handler = move || {
+        if seen.swap(true, Ordering::Relaxed) {
+            std::process::exit(1);
+        }
+        eprintln!("stopping after the items in work; press Ctrl-C again to stop at once");
+    };
+    if let Err(error) = ctrlc::set_handler(handler) {
+        tracing::warn!("Ctrl-C will stop at once: {error}");
+    }
+    stop
+}
+
+#[expect(clippy::print_stdout, reason = "events are the data of --json")]
+fn print_json(event: &Event) {
+    if let Ok(line) = serde_json::to_string(event) {
+        println!("{line}");
+    }
+}
+
+fn table(summary: &Summary) -> String {
+    let mut text = format!(
+        "{:<18}{:>9}{:>10}{:>7}{:>7}{:>8}{:>9}\n",
+        "phase", "seconds", "peak MB", "done", "fresh", "failed", "findings"
+    );
+    for p in &summary.phases {
+        let peak = p.peak_mb.map_or_else(|| "-".into(), |mb| format!("{mb:.0}"));
+        let failed = p.failed + p.blocked;
+        text += &format!(
+            "{:<18}{:>9.1}{peak:>10}{:>7}{:>7}{failed:>8}{:>9}\n",
+            p.phase, p.secs, p.done, p.fresh, p.findings
+        );
+    }
+    text += &format!("{:<18}{:>9.1}\n", "all", summary.phases.iter().map(|p| p.secs).sum::<f64>());
+    for PhaseSummary { phase, findings, first_findings, .. } in summary.phases.iter().filter(|p| p.findings > 0) {
+        text += &format!("{phase}: {findings} findings (all are in run.log)\n");
+        first_findings.iter().for_each(|finding| text += &format!("  {finding}\n"));
+    }
+    text
+}
+
+/// The first failures, and the exit code.
+fn conclude(summary: &Summary) -> Result<(), Failed> {
+    if summary.interrupted {
+        let hint = "run again to go on; nothing is lost".into();
+        return Err(Failed { error: "stopped".into(), hint, input: false });
+    }
+    let failures: Vec<_> = summary.failures().collect();
+    let Some((_, first)) = failures.first() else {
+        let blocked = summary.phases.iter().find(|phase| phase.blocked > 0);
+        return blocked.map_or(Ok(()), |phase| {
+            let error = format!("{}: what it needs is not there", phase.phase);
+            Err(Failed::input(error, "run the stages before it, or leave --from away"))
+        });
+    };
+    let mut error = first.error.clone();
+    if failures.len() > 1 {
+        error += &format!("\n  … and {} more items failed; `strandflow status` lists them", failures.len() - 1);
+    }
+    let input = failures.iter().all(|(_, failure)| failure.input);
+    Err(Failed { error, hint: first.hint.clone(), input })
+}

@@ -1,0 +1,40 @@
+//! Whole files or none.
+
+use std::path::Path;
+
+use crate::EngineError;
+
+/// Writes a file by a temporary name and a rename, and makes the folders above it: readers see the old bytes or the new.
+///
+/// # Errors
+/// `Disk`.
+pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), EngineError> {
+    let fail = |error: std::io::Error| EngineError::disk(path, error);
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(fail)?;
+    }
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    // The name is fixed, so that what a killed run leaves is taken up by the run that writes the file again.
+    let temporary = path.with_file_name(format!(".{name}.tmp"));
+    std::fs::write(&temporary, bytes).map_err(fail)?;
+    std::fs::rename(&temporary, path).map_err(fail)
+}
+
+/// Reads a text file.
+///
+/// # Errors
+/// `Disk`.
+pub fn read_text(path: &Path) -> Result<String, EngineError> {
+    std::fs::read_to_string(path).map_err(|error| EngineError::disk(path, error))
+}
+
+/// Removes a file that may not exist.
+///
+/// # Errors
+/// `Disk`.
+pub fn remove_file(path: &Path) -> Result<(), EngineError> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(EngineError::disk(path, error)),
+        _ => Ok(()),
+    }
+}

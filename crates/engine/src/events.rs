@@ -1,0 +1,61 @@
+//! What a run tells its audience, one typed event after another; the command line draws bars from them or prints JSON.
+
+use serde::Serialize;
+use strandflow_core::Finding;
+
+use crate::store::Failure;
+
+/// How a work item ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// Computed and stored.
+    Done,
+    /// Was there already and rests on the same inputs.
+    Fresh,
+    /// Could not be done.
+    Failed,
+    /// Something it needs is not there.
+    Blocked,
+}
+
+/// One thing that happened.
+#[derive(Clone, Debug, Serialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum Event {
+    /// A phase begins.
+    PhaseStarted {
+        /// `stage/phase`.
+        phase: &'static str,
+        /// What the stage does.
+        summary: &'static str,
+        /// Its work items.
+        items: usize,
+    },
+    /// A work item ended.
+    Item {
+        /// `stage/phase`.
+        phase: &'static str,
+        /// Its key.
+        item: String,
+        /// View and frame in words.
+        place: String,
+        /// How it ended.
+        outcome: Outcome,
+        /// Seconds it took.
+        secs: f64,
+        /// What was survived.
+        findings: Vec<Finding>,
+        /// What went wrong, where it failed or is blocked.
+        failure: Option<Failure>,
+    },
+    /// A phase ended.
+    PhaseFinished {
+        /// `stage/phase`.
+        phase: &'static str,
+        /// Wall-clock seconds.
+        secs: f64,
+        /// Largest resident memory during the phase \[MB\]; `None` where the system does not tell.
+        peak_mb: Option<f64>,
+    },
+}

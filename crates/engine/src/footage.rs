@@ -1,0 +1,103 @@
+//! The files behind the frames of each view, for staleness; decoding is `strandflow_io`'s.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use strandflow_core::SourceError;
+use strandflow_io::{ViewInput, image_file::is_image};
+
+use crate::EngineError;
+
+/// The files of one view.
+pub struct ViewFiles {
+    name: String,
+    path: PathBuf,
+    /// Images by frame, the lowest number being frame 0; `None` for a video.
+    images: Option<BTreeMap<usize, PathBuf>>,
+}
+
+impl ViewFiles {
+    /// Lists the files of a view.
+    ///
+    /// # Errors
+    /// `Input` where there is nothing at the path.
+    pub fn open(name: &str, input: &ViewInput) -> Result<Self, EngineError> {
+        let path = input.path().to_owned();
+        let images = match input {
+            ViewInput::Video(_) => None,
+            ViewInput::Folder(folder) => Some(numbered_images(folder)?),
+            ViewInput::Pattern(pattern) => Some(of_pattern(pattern)?),
+        };
+        let there = images.as_ref().map_or_else(|| path.is_file(), |images| !images.is_empty());
+        if !there {
+            let subject = format!("{}, view {name}", path.display());
+            return Err(EngineError::input(
+                subject,
+                "there is no such video or folder of images",
+                "check the path in the manifest",
+            ));
+        }
+        let first = images.as_ref().and_then(|images| images.keys().next().copied()).unwrap_or(0);
+        let images = images.map(|images| images.into_iter().map(|(number, file)| (number - first, file)).collect());
+        Ok(Self { name: name.to_owned(), path, images })
+    }
+
+    /// The file that holds a frame.
+    ///
+    /// # Errors
+    /// The frame is missing.
+    pub fn file(&self, frame: usize) -> Result<&Path, SourceError> {
+        let Some(images) = &self.images else { return Ok(&self.path) };
+        images.get(&frame).map(PathBuf::as_path).ok_or_else(|| SourceError {
+            file: self.path.display().to_string(),
+            view: self.name.clone(),
+            frame,
+            fact: "the frame is missing".into(),
+            hint: "copy the missing image into the folder, or give only frames that are there in the manifest".into(),
+        })
+    }
+
+    /// The video or folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+/// The images of a pattern: those of its folder whose names begin like it.
+fn of_pattern(pattern: &Path) -> Result<BTreeMap<usize, PathBuf>, EngineError> {
+    let name = pattern.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let prefix: String = name.chars().take_while(|c| !matches!(c, '%' | '#')).collect();
+    let mut images = numbered_images(pattern.parent().unwrap_or(Path::new(".")))?;
+    images.retain(|_, file| file.file_name().is_some_and(|n| n.to_string_lossy().starts_with(&prefix)));
+    Ok(images)
+}
+
+/// The images of a folder by the number in their name; none where the folder does not exist.
+///
+/// # Errors
+/// `Input` where two images have the same number or an image has none.
+pub fn numbered_images(folder: &Path) -> Result<BTreeMap<usize, PathBuf>, EngineError> {
+    let mut files = BTreeMap::new();
+    if !folder.is_dir() {
+        return Ok(files);
+    }
+    for entry in std::fs::read_dir(folder).map_err(|e| EngineError::disk(folder, e))? {
+        let path = entry.map_err(|e| EngineError::disk(folder, e))?.path();
+        let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+        if !is_image(&path) || stem.starts_with('.') {
+            continue;
+        }
+        let start = stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+        let Ok(number) = stem[start..].parse::<usize>() else {
+            let hint = "end the name with the number of the frame, like 000012.png";
+            return Err(EngineError::input(path.display().to_string(), "the name holds no frame number", hint));
+        };
+        if let Some(other) = files.insert(number, path.clone()) {
+            let fact = format!("frame {number} is there twice, also as {}", other.display());
+            return Err(EngineError::input(path.display().to_string(), fact, "leave one of them"));
+        }
+    }
+    Ok(files)
+}

@@ -1,0 +1,119 @@
+//! What an item's result rests on, hashed by kind, so that a stale item can say why.
+
+use std::{
+    collections::{BTreeMap, HashMap},
+    io::Read,
+    path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
+};
+
+use serde::Serialize;
+
+use crate::{EngineError, store::Store};
+
+/// Collects the inputs of one item.
+pub struct Needs<'a> {
+    store: &'a Store,
+    files: &'a Identities,
+    kinds: BTreeMap<String, blake3::Hasher>,
+    items: Vec<String>,
+}
+
+impl<'a> Needs<'a> {
+    /// Nothing needed yet.
+    pub fn new(store: &'a Store, files: &'a Identities) -> Self {
+        Self { store, files, kinds: BTreeMap::new(), items: Vec::new() }
+    }
+
+    /// A value of a kind (`version`, `mode`, `settings`, `values`).
+    pub fn value(&mut self, kind: &str, name: &str, value: &impl Serialize) {
+        let text = serde_json::to_string(value).unwrap_or_default();
+        let hasher = self.kinds.entry(kind.to_owned()).or_default();
+        hasher.update(name.as_bytes()).update(b"=").update(text.as_bytes()).update(b"\n");
+    }
+
+    /// A file of the user, by what is in it.
+    ///
+    /// # Errors
+    /// `Disk` where it does not exist.
+    pub fn file(&mut self, path: &Path) -> Result<(), EngineError> {
+        let identity = self.files.of(path)?;
+        self.kinds.entry("files".into()).or_default().update(identity.as_bytes());
+        Ok(())
+    }
+
+    /// Some arrays of a finished item.
+    ///
+    /// # Errors
+    /// `Missing` where the item is not finished.
+    pub fn item(&mut self, key: &str, arrays: &[&str]) -> Result<(), EngineError> {
+        let record = self.store.record(key).ok_or_else(|| EngineError::Missing { item: key.to_owned() })?;
+        let stage = key.split('/').next().unwrap_or_default();
+        let hasher = self.kinds.entry(format!("stage {stage}")).or_default();
+        for array in arrays {
+            let hash = record.outputs.get(*array).map_or("none", String::as_str);
+            hasher.update(array.as_bytes()).update(hash.as_bytes());
+        }
+        self.items.push(key.to_owned());
+        Ok(())
+    }
+
+    /// A finished item whose values are stated by [`Needs::value`] instead.
+    ///
+    /// # Errors
+    /// `Missing` where the item is not finished.
+    pub fn finished(&mut self, key: &str) -> Result<(), EngineError> {
+        self.item(key, &[])
+    }
+
+    /// The hashes by kind, and the keys of the items read.
+    pub fn finish(self) -> (BTreeMap<String, String>, Vec<String>) {
+        let hash = |h: blake3::Hasher| h.finalize().to_hex()[..32].to_owned();
+        (self.kinds.into_iter().map(|(kind, hasher)| (kind, hash(hasher))).collect(), self.items)
+    }
+}
+
+/// Files up to this size are known by all of their content, larger ones by size, time of change and both ends.
+const WHOLE_BYTES: u64 = 8 << 20;
+const END_BYTES: usize = 1 << 16;
+
+/// The identity of files, looked up once a process.
+#[derive(Debug, Default)]
+pub struct Identities(Mutex<HashMap<PathBuf, String>>);
+
+impl Identities {
+    /// The identity of a file.
+    ///
+    /// # Errors
+    /// `Disk` where it cannot be read.
+    pub fn of(&self, path: &Path) -> Result<String, EngineError> {
+        let known = self.0.lock().unwrap_or_else(PoisonError::into_inner).get(path).cloned();
+        if let Some(identity) = known {
+            return Ok(identity);
+        }
+        let identity = identify(path).map_err(|error| EngineError::disk(path, error))?;
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(path.to_owned(), identity.clone());
+        Ok(identity)
+    }
+}
+
+fn identify(path: &Path) -> std::io::Result<String> {
+    let mut file = std::fs::File::open(path)?;
+    let about = file.metadata()?;
+    let mut hasher = blake3::Hasher::new();
+    if about.len() <= WHOLE_BYTES {
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes)?;
+        hasher.update(&bytes);
+    } else {
+        use std::io::{Seek, SeekFrom};
+        let changed = about.modified()?.duration_since(std::time::UNIX_EPOCH).map(|d| d.as_nanos()).unwrap_or(0);
+        let mut end = vec![0; END_BYTES];
+        file.read_exact(&mut end)?;
+        hasher.update(&end).update(&about.len().to_le_bytes()).update(&changed.to_le_bytes());
+        file.seek(SeekFrom::End(-(END_BYTES as i64)))?;
+        file.read_exact(&mut end)?;
+        hasher.update(&end);
+    }
+    Ok(hasher.finalize().to_hex()[..32].to_owned())
+}

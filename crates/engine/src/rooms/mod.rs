@@ -1,0 +1,121 @@
+//! One room a stage: load the inputs, call the stage, store the outputs.
+//!
+//! A room has three functions: `prepare` makes the arrays, `needs` states what an item rests on, `run` does it.
+
+pub mod blend;
+pub mod field;
+pub mod fit;
+pub mod flow;
+pub mod grow;
+pub mod hull;
+pub mod lift;
+pub mod masks;
+pub mod orient;
+pub mod pose;
+pub mod prune;
+pub mod scalp;
+pub mod smooth;
+
+mod images;
+mod strand_arrays;
+
+use serde_json::Value;
+use strandflow_stages::StageError;
+
+use crate::{EngineError, Needs, item::Item, table::Job};
+
+/// Key of the item of the phase.
+pub(crate) fn key(phase: &str, item: Item) -> String {
+    item.key(phase)
+}
+
+/// Makes an array; where one of another shape had to go, the phase's items have to be done again.
+pub(crate) fn ensure(
+    job: &Job,
+    phase: &str,
+    (path, more): (&str, Value),
+    shape: &[usize],
+    chunk: &[usize],
+) -> Result<(), EngineError> {
+    let store = job.take.store();
+    if !store.matches(path, shape, chunk, more.clone()) {
+        // Before the array goes: a run killed in between must not leave records of what is no longer there.
+        if store.must_remove(path, shape, chunk, more.clone()) {
+            store.forget_phase(phase)?;
+        }
+        store.ensure(path, shape, chunk, more)?;
+    }
+    Ok(())
+}
+
+/// Names the stage in a stage's error.
+pub(crate) fn of_stage(stage: &'static str) -> impl Fn(StageError) -> EngineError {
+    move |error| EngineError::Stage { stage: stage.to_owned(), error }
+}
+
+/// The head's motion in a frame, by value: another frame's pose may change without this one's results going stale.
+pub(crate) fn need_pose(job: &Job, frames: impl Iterator<Item = usize>, needs: &mut Needs) -> Result<(), EngineError> {
+    needs.finished("pose/pose/take")?;
+    for frame in frames {
+        needs.value("stage pose", "world_from_head", &job.take.read_pose(frame)?.to_rows());
+    }
+    Ok(())
+}
+
+/// The scalp.
+pub(crate) fn need_scalp(needs: &mut Needs) -> Result<(), EngineError> {
+    needs.item("scalp/scalp/take", &["scalp/vertices", "scalp/faces", "scalp/roots", "scalp/normals"])
+}
+
+/// The take's grid.
+pub(crate) fn need_grid(needs: &mut Needs) -> Result<(), EngineError> {
+    needs.item("hull/grid/take", &["hull/grid/origin", "hull/grid/voxel_mm", "hull/grid/dims"])
+}
+
+/// The hull of a frame and the grid it lies on.
+pub(crate) fn need_hull(frame: usize, needs: &mut Needs) -> Result<(), EngineError> {
+    need_grid(needs)?;
+    needs.item(&Item::Frame(frame).key("hull/hull"), &["hull/occupancy"])
+}
+
+/// Some mask arrays of all views in a frame.
+pub(crate) fn need_masks(job: &Job, frame: usize, arrays: &[&str], needs: &mut Needs) -> Result<(), EngineError> {
+    for view in 0..job.take.rig().view_count() {
+        needs.item(&Item::ViewFrame(view, frame).key("masks/masks"), arrays)?;
+    }
+    Ok(())
+}
+
+/// Cameras.
+pub(crate) fn need_rig(job: &Job, needs: &mut Needs) {
+    needs.value("values", "rig", job.take.rig());
+}
+
+/// The frame of a frame item.
+pub(crate) fn frame_of(item: Item) -> Result<usize, EngineError> {
+    match item {
+        Item::Frame(frame) => Ok(frame),
+        _ => Err(EngineError::Missing { item: format!("frame of {item:?}") }),
+    }
+}
+
+/// View and frame of a view × frame item.
+pub(crate) fn view_frame_of(item: Item) -> Result<(usize, usize), EngineError> {
+    match item {
+        Item::ViewFrame(view, frame) => Ok((view, frame)),
+        _ => Err(EngineError::Missing { item: format!("view and frame of {item:?}") }),
+    }
+}
+
+/// The block of a block item.
+pub(crate) fn block_of(item: Item) -> Result<usize, EngineError> {
+    match item {
+        Item::Block(block) => Ok(block),
+        _ => Err(EngineError::Missing { item: format!("block of {item:?}") }),
+    }
+}
+
+/// References to all elements.
+pub(crate) fn refs<T>(items: &[T]) -> Vec<&T> {
+    items.iter().collect()
+}

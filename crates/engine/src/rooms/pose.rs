@@ -1,0 +1,63 @@
+//! Stage 3.
+
+use std::collections::BTreeMap;
+
+use glam::DVec2;
+use strandflow_core::{Place, Report};
+use strandflow_stages::{
+    StageError,
+    pose::{HeadPoses, MarkerLabel, PoseInput},
+};
+
+use super::{need_rig, of_stage};
+use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
+
+pub(crate) fn prepare(_: &Job) -> Result<(), EngineError> {
+    Ok(())
+}
+
+pub(crate) fn needs(job: &Job, _: Item, needs: &mut Needs) -> Result<(), EngineError> {
+    need_rig(job, needs);
+    needs.file(job.take.sources().labels_file())?;
+    needs.value("values", "frames", &job.plan.lead);
+    for view in 0..job.take.rig().view_count() {
+        for frame in job.plan.lead.start..job.plan.lead.end {
+            needs.file(&job.take.sources().image_file(view, frame)?)?;
+        }
+    }
+    Ok(())
+}
+
+pub(crate) fn run(job: &Job, _: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {
+    let labels = job.take.sources().labels(job.take.rig(), job.plan.lead.start)?;
+    let labels: Vec<MarkerLabel> = labels
+        .into_iter()
+        .map(|(id, views)| MarkerLabel {
+            id,
+            views: views.into_iter().map(|(v, uv)| (v, DVec2::from_array(uv))).collect::<BTreeMap<_, _>>(),
+        })
+        .collect();
+    let input = PoseInput { rig: job.take.rig(), images: job.take.images(), frames: job.plan.lead, labels: &labels };
+    let poses = strandflow_stages::pose::pose(&input, job.plan.mode, &job.plan.settings.pose, report)
+        .map_err(of_stage("pose"))?;
+    write(job, out, &poses, labels.len())
+}
+
+fn write(job: &Job, out: &mut Writer, poses: &HeadPoses, markers: usize) -> Result<(), EngineError> {
+    let (times, views) = (poses.world_from_head.len(), job.take.rig().view_count());
+    for (t, pose) in poses.world_from_head.iter().enumerate() {
+        if !(pose.translation.is_finite() && pose.rotation.is_finite()) {
+            let place = Place::frame(job.plan.lead.start + t);
+            return Err(of_stage("pose")(StageError::NonFinite { place, what: "the head pose".into() }));
+        }
+    }
+    let rows: Vec<f64> = poses.world_from_head.iter().flat_map(|pose| pose.to_rows()).flatten().collect();
+    out.whole("pose/world_from_head", &[times, 4, 4], &rows)?;
+    let positions = poses.markers.iter().flatten().flat_map(|m| m.map_or([f64::NAN; 3], |p| p.to_array()));
+    out.whole("pose/markers", &[times, markers, 3], &positions.collect::<Vec<_>>())?;
+    let tracks = poses.tracks.iter().flatten().flatten().flat_map(|m| m.map_or([f64::NAN; 2], |p| p.to_array()));
+    out.whole("pose/tracks", &[times, views, markers, 2], &tracks.collect::<Vec<_>>())?;
+    out.whole("pose/rms_px", &[times], &poses.rms_px)?;
+    out.whole("pose/used", &[times], &poses.used)?;
+    out.whole("pose/interpolated", &[times], &poses.interpolated.iter().map(|&i| u8::from(i)).collect::<Vec<_>>())
+}

@@ -1,0 +1,258 @@
+//! The user's files: where they are, and that they fit the rig.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use strandflow_core::{FrameRange, ImageSource, Mask, RgbImage, Rig};
+use strandflow_io::{IoError, TakeSource, ViewInput};
+
+use crate::{
+    EngineError, Manifest,
+    footage::{ViewFiles, numbered_images},
+};
+
+impl From<IoError> for EngineError {
+    fn from(error: IoError) -> Self {
+        let hint = error.hint();
+        Self::Input { subject: error.file().display().to_string(), fact: error.to_string(), hint }
+    }
+}
+
+/// Reads the calibration and picks the cameras of the views, in their order.
+///
+/// # Errors
+/// `Input` where it cannot be read or a view has no camera.
+pub fn read_rig(root: &Path, manifest: &Manifest) -> Result<Rig, EngineError> {
+    let path = root.join(&manifest.calibration.file);
+    let calibration = strandflow_io::read_calibration(&path, manifest.calibration.unit_mm)?;
+    let names: Vec<String> = manifest.views.iter().map(|view| view.name.clone()).collect();
+    Ok(strandflow_io::rig_for_views(&path, &calibration.rig, &names)?)
+}
+
+/// The files of a take, found.
+pub struct Sources {
+    images: TakeSource,
+    files: Vec<ViewFiles>,
+    names: Vec<String>,
+    plates: Vec<PathBuf>,
+    labels: PathBuf,
+    hairs: Vec<BTreeMap<usize, PathBuf>>,
+    subjects: Vec<BTreeMap<usize, PathBuf>>,
+    frames: FrameRange,
+}
+
+impl Sources {
+    /// Finds all files that the manifest names.
+    ///
+    /// # Errors
+    /// `Input` where one is missing, a clip has another length or size than the others, or masks are of no view.
+    pub fn open(root: &Path, manifest: &Manifest, rig: &Rig) -> Result<Self, EngineError> {
+        let names: Vec<String> = manifest.views.iter().map(|view| view.name.clone()).collect();
+        let inputs: Vec<(String, ViewInput)> =
+            manifest.views.iter().map(|view| (view.name.clone(), ViewInput::of(&root.join(&view.source)))).collect();
+        let files = inputs.iter().map(|(name, input)| ViewFiles::open(name, input)).collect::<Result<Vec<_>, _>>()?;
+        let images = TakeSource::open(&inputs)?;
+        let frames = frames_of(manifest, &images, &files, rig)?;
+        let plates: Vec<PathBuf> = manifest.views.iter().map(|view| root.join(&view.plate)).collect();
+        for (view, plate) in names.iter().zip(&plates) {
+            must_exist(plate, view, "clean plate")?;
+        }
+        let labels = root.join(&manifest.labels.markers);
+        must_exist(&labels, "all", "file of marker labels")?;
+        let hairs = masks_in(&root.join(&manifest.labels.hair_masks), &names)?;
+        let subjects = match &manifest.labels.subject_masks {
+            Some(folder) => masks_in(&root.join(folder), &names)?,
+            None => vec![BTreeMap::new(); names.len()],
+        };
+        let sources = Self { images, files, names, plates, labels, hairs, subjects, frames };
+        // Labels are read again by the stage; looked at now, so that hours of masks do not come before the error.
+        sources.labels(rig, frames.start)?;
+        sources.must_begin_with_hair(frames.start)?;
+        Ok(sources)
+    }
+
+    /// All frames of the take.
+    pub fn frames(&self) -> FrameRange {
+        self.frames
+    }
+
+    /// All images.
+    pub fn images(&self) -> &dyn ImageSource {
+        &self.images
+    }
+
+    /// The file that holds a frame of a view.
+    ///
+    /// # Errors
+    /// `Input` where the frame is missing.
+    pub fn image_file(&self, view: usize, frame: usize) -> Result<PathBuf, EngineError> {
+        Ok(self.files[view].file(frame)?.to_owned())
+    }
+
+    /// The file of a clean plate.
+    pub fn plate_file(&self, view: usize) -> &Path {
+        &self.plates[view]
+    }
+
+    /// A clean plate.
+    ///
+    /// # Errors
+    /// `Input` where it cannot be read or has another size than the camera.
+    pub fn plate(&self, view: usize, rig: &Rig) -> Result<Arc<RgbImage>, EngineError> {
+        let image = strandflow_io::read_rgb(&self.plates[view])?;
+        self.must_fit((image.width, image.height), &self.plates[view], view, rig)?;
+        Ok(Arc::new(image))
+    }
+
+    /// The file of marker labels.
+    pub fn labels_file(&self) -> &Path {
+        &self.labels
+    }
+
+    /// Marker labels of the take's first frame by view index: (number, image points).
+    ///
+    /// # Errors
+    /// `Input` where the file cannot be read, is of another frame, names views that are not there, or holds fewer than
+    /// five markers seen by two views.
+    pub fn labels(&self, rig: &Rig, first: usize) -> Result<Vec<(u32, BTreeMap<usize, [f64; 2]>)>, EngineError> {
+        let labels = strandflow_io::read_marker_labels(&self.labels)?;
+        let name = self.labels.display().to_string();
+        if labels.frame != first {
+            let fact = format!("the labels are of frame {}, the take begins at frame {first}", labels.frame);
+            return Err(EngineError::input(
+                name,
+                fact,
+                "label the markers in the take's first frame, or begin the take there",
+            ));
+        }
+        let mut found = Vec::new();
+        for marker in labels.markers {
+            let mut views = BTreeMap::new();
+            for (view, point) in marker.views {
+                // Labels of views that the take leaves out are of no use, and of no harm.
+                if let Some(at) = rig.view_named(&view) {
+                    views.insert(at, point);
+                }
+            }
+            found.push((marker.id, views));
+        }
+        let usable = found.iter().filter(|(_, views)| views.len() >= 2).count();
+        if usable < 5 {
+            let fact =
+                format!("frame {first}: {usable} markers are labelled in two or more views, at least 5 are needed");
+            return Err(EngineError::input(name, fact, "label more markers, each in every view that sees it"));
+        }
+        Ok(found)
+    }
+
+    fn must_begin_with_hair(&self, first: usize) -> Result<(), EngineError> {
+        match (0..self.names.len()).find(|&view| self.hair_file(view, first).is_none()) {
+            None => Ok(()),
+            Some(view) => Err(EngineError::input(
+                format!("view {}, frame {first}", self.names[view]),
+                "there is no hair mask of the take's first frame",
+                format!("paint one and save it as {}/{first:06}.png in the folder of hair masks", self.names[view]),
+            )),
+        }
+    }
+
+    /// The hair mask the user gave for a frame.
+    pub fn hair_file(&self, view: usize, frame: usize) -> Option<PathBuf> {
+        self.hairs[view].get(&frame).cloned()
+    }
+
+    /// The subject mask the user gave for a frame.
+    pub fn subject_file(&self, view: usize, frame: usize) -> Option<PathBuf> {
+        self.subjects[view].get(&frame).cloned()
+    }
+
+    pub(crate) fn given_mask(
+        &self,
+        file: Option<PathBuf>,
+        view: usize,
+        frame: usize,
+        rig: &Rig,
+    ) -> Result<Option<Mask>, EngineError> {
+        let Some(file) = file else { return Ok(None) };
+        let mask = strandflow_io::read_mask(&file)?;
+        self.must_fit((mask.width, mask.height), &file, view, rig).map_err(|error| match error {
+            EngineError::Input { subject, fact, hint } => {
+                EngineError::Input { subject: format!("{subject}, frame {frame}"), fact, hint }
+            }
+            other => other,
+        })?;
+        Ok(Some(mask))
+    }
+
+    fn must_fit(&self, (w, h): (usize, usize), file: &Path, view: usize, rig: &Rig) -> Result<(), EngineError> {
+        let camera = &rig.cameras[view];
+        if (w, h) == (camera.width, camera.height) {
+            return Ok(());
+        }
+        let fact = format!("is {w}×{h}, the camera is calibrated for {}×{}", camera.width, camera.height);
+        Err(EngineError::input(
+            format!("{}, view {}", file.display(), self.names[view]),
+            fact,
+            "give an image of the calibrated size, or calibrate for this one",
+        ))
+    }
+}
+
+/// The frames of the take: the manifest's, or all. Without frames in the manifest every clip must have the same length.
+fn frames_of(
+    manifest: &Manifest,
+    images: &TakeSource,
+    files: &[ViewFiles],
+    rig: &Rig,
+) -> Result<FrameRange, EngineError> {
+    let infos = images.infos();
+    let stated = match &manifest.frames {
+        Some(text) => {
+            let range = text.parse::<FrameRange>();
+            Some(range.map_err(|fact| EngineError::input("frames", fact, "write frames = \"A..B\""))?)
+        }
+        None => None,
+    };
+    let frames = stated.unwrap_or(FrameRange { start: 0, end: infos.first().map_or(0, |info| info.frame_count) });
+    for (v, info) in infos.iter().enumerate() {
+        let place =
+            |frame: usize| format!("{}, view {}, frame {frame}", files[v].path().display(), rig.cameras[v].name);
+        let camera = &rig.cameras[v];
+        if (info.width, info.height) != (camera.width, camera.height) {
+            let fact = format!(
+                "is {}×{}, the camera is calibrated for {}×{}",
+                info.width, info.height, camera.width, camera.height
+            );
+            let hint = "give the footage in the calibrated size, or calibrate for this one";
+            return Err(EngineError::input(place(frames.start), fact, hint));
+        }
+        if info.frame_count < frames.end || (stated.is_none() && info.frame_count != frames.end) {
+            let fact = format!("has {} frames, the take {}", info.frame_count, frames.end);
+            let hint =
+                "cut the clips to equal length, or give the frames that all have in the manifest: frames = \"A..B\"";
+            return Err(EngineError::input(place(info.frame_count.min(frames.end)), fact, hint));
+        }
+        (frames.start..frames.end).try_for_each(|frame| files[v].file(frame).map(|_| ()))?;
+    }
+    Ok(frames)
+}
+
+fn must_exist(path: &Path, view: &str, what: &str) -> Result<(), EngineError> {
+    if path.is_file() {
+        return Ok(());
+    }
+    let subject = format!("{}, view {view}", path.display());
+    Err(EngineError::input(subject, format!("the {what} is not there"), "check the path in the manifest"))
+}
+
+/// Masks of a folder `VIEW/FRAME.png`, by frame, one map a view.
+fn masks_in(folder: &Path, names: &[String]) -> Result<Vec<BTreeMap<usize, PathBuf>>, EngineError> {
+    if !folder.is_dir() {
+        let subject = folder.display().to_string();
+        return Err(EngineError::input(subject, "the folder of masks is not there", "check the path in the manifest"));
+    }
+    names.iter().map(|name| numbered_images(&folder.join(name))).collect()
+}

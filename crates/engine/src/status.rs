@@ -1,0 +1,155 @@
+//! What is done, stale, missing or failed, and why; looks, and changes nothing.
+
+use std::collections::{BTreeMap, HashSet};
+
+use serde::Serialize;
+
+use crate::{
+    EngineError, Plan, Take,
+    item::Item,
+    store::Failure,
+    table::{Job, Phase, STAGES, Stage},
+};
+
+/// The state of one work item.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum State {
+    /// Finished, and rests on what is there now.
+    Done,
+    /// Finished, but rests on something that has changed.
+    Stale(String),
+    /// Not done yet.
+    Missing,
+    /// Tried, and failed.
+    Failed(Failure),
+}
+
+/// The state of one phase.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct PhaseStatus {
+    /// `stage/phase`.
+    pub phase: &'static str,
+    /// Its work items; 0 where that is not known yet.
+    pub items: usize,
+    /// Items done.
+    pub done: usize,
+    /// Items stale.
+    pub stale: usize,
+    /// Items missing.
+    pub missing: usize,
+    /// Items failed.
+    pub failed: usize,
+    /// Why items are stale or failed, with how many say so.
+    pub reasons: BTreeMap<String, usize>,
+}
+
+/// The state of all phases under a plan.
+///
+/// # Errors
+/// `Disk` where a file of the user cannot be read.
+pub fn status(take: &Take, plan: &Plan) -> Result<Vec<PhaseStatus>, EngineError> {
+    let job = Job { take, plan };
+    let mut unfinished = HashSet::new();
+    let mut phases = Vec::new();
+    for stage in &STAGES {
+        for phase in stage.phases {
+            phases.push(phase_status(&job, stage, phase, &mut unfinished)?);
+        }
+    }
+    Ok(phases)
+}
+
+fn phase_status(
+    job: &Job,
+    stage: &Stage,
+    phase: &Phase,
+    unfinished: &mut HashSet<String>,
+) -> Result<PhaseStatus, EngineError> {
+    let mut found = PhaseStatus { phase: phase.name, ..PhaseStatus::default() };
+    let chains = match phase.chains(job) {
+        Ok(chains) => chains,
+        Err(EngineError::Missing { .. }) => return Ok(found),
+        Err(error) => return Err(error),
+    };
+    for &item in chains.iter().flatten() {
+        found.items += 1;
+        let key = item.key(phase.name);
+        let state = item_state(job, stage, phase, (item, &key), unfinished)?;
+        if state != State::Done {
+            unfinished.insert(key);
+        }
+        match state {
+            State::Done => found.done += 1,
+            State::Missing => found.missing += 1,
+            State::Stale(reason) => {
+                found.stale += 1;
+                *found.reasons.entry(reason).or_default() += 1;
+            }
+            State::Failed(failure) => {
+                found.failed += 1;
+                *found.reasons.entry(failure.error).or_default() += 1;
+            }
+        }
+    }
+    Ok(found)
+}
+
+fn item_state(
+    job: &Job,
+    stage: &Stage,
+    phase: &Phase,
+    (item, key): (Item, &str),
+    unfinished: &HashSet<String>,
+) -> Result<State, EngineError> {
+    let store = job.take.store();
+    if let Some(failure) = store.failure(key) {
+        return Ok(State::Failed(failure));
+    }
+    let Some(record) = store.record(key) else { return Ok(State::Missing) };
+    let inputs = match stage.inputs(phase, job, item) {
+        Ok(inputs) => inputs,
+        Err(EngineError::Missing { item }) => return Ok(State::Stale(format!("{} is not done", stage_of(&item)))),
+        Err(EngineError::Store { .. }) => return Ok(State::Stale("a result it rests on is gone".into())),
+        Err(error) => return Err(error),
+    };
+    if let Some(first) = inputs.items.iter().find(|key| unfinished.contains(*key)) {
+        return Ok(State::Stale(format!("{} is to be done again", stage_of(first))));
+    }
+    let kinds: HashSet<&String> = record.inputs.keys().chain(inputs.hashes.keys()).collect();
+    let mut changed: Vec<&str> = kinds
+        .into_iter()
+        .filter(|kind| record.inputs.get(*kind) != inputs.hashes.get(*kind))
+        .map(|kind| kind.strip_prefix("stage ").unwrap_or(kind))
+        .collect();
+    changed.sort_unstable();
+    Ok(if changed.is_empty() { State::Done } else { State::Stale(format!("changed: {}", changed.join(", "))) })
+}
+
+impl Take {
+    /// Asks for a stage's results to be there, whether or not they are stale.
+    ///
+    /// # Errors
+    /// `Input` where an item is not finished.
+    pub fn must_be_done(&self, stage: &str, plan: &Plan) -> Result<(), EngineError> {
+        let job = Job { take: self, plan };
+        for phase in STAGES[crate::stage_index(stage)?].phases {
+            let chains = phase.chains(&job).unwrap_or_default();
+            let mut keys = chains.iter().flatten().map(|item| item.key(phase.name)).peekable();
+            let missing = if keys.peek().is_none() {
+                Some(phase.name.to_owned())
+            } else {
+                keys.find(|k| self.store().record(k).is_none())
+            };
+            if let Some(key) = missing {
+                let hint = format!("run `strandflow run {}` to its end", self.root().display());
+                return Err(EngineError::input(format!("stage {stage}"), format!("`{key}` is not done"), hint));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn stage_of(key: &str) -> &str {
+    key.split('/').next().unwrap_or(key)
+}

@@ -1,0 +1,90 @@
+//! The record of a work item: written last, removed first.
+
+use std::{collections::BTreeMap, path::PathBuf};
+
+use serde::{Deserialize, Serialize};
+use strandflow_core::Finding;
+
+use super::Store;
+use crate::{EngineError, disk};
+
+/// A finished work item. Holds no times, so that the same input gives the same bytes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Record {
+    /// What the result rests on, by kind: `version`, `mode`, `settings`, `values`, `files`, and one entry a stage read
+    /// from. An item whose inputs hash otherwise now is stale, and the entry that differs says why.
+    pub inputs: BTreeMap<String, String>,
+    /// Hash of what was written, by array.
+    pub outputs: BTreeMap<String, String>,
+    /// What was survived.
+    pub findings: Vec<Finding>,
+}
+
+/// A work item that could not be finished.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Failure {
+    /// What is wrong.
+    pub error: String,
+    /// What to do.
+    pub hint: String,
+    /// Whether the input is to blame.
+    pub input: bool,
+}
+
+impl Store {
+    /// The record of an item, if it is finished. A record that cannot be read counts as none.
+    pub fn record(&self, item: &str) -> Option<Record> {
+        serde_json::from_str(&std::fs::read_to_string(self.record_path(item)).ok()?).ok()
+    }
+
+    /// Why an item failed, if it did.
+    pub fn failure(&self, item: &str) -> Option<Failure> {
+        serde_json::from_str(&std::fs::read_to_string(self.failure_path(item)).ok()?).ok()
+    }
+
+    /// Declares an item finished.
+    ///
+    /// # Errors
+    /// `Disk`.
+    pub fn write_record(&self, item: &str, record: &Record) -> Result<(), EngineError> {
+        disk::write_atomic(&self.record_path(item), to_json(record)?.as_bytes())
+    }
+
+    /// Declares an item failed.
+    ///
+    /// # Errors
+    /// `Disk`.
+    pub fn write_failure(&self, item: &str, failure: &Failure) -> Result<(), EngineError> {
+        disk::write_atomic(&self.failure_path(item), to_json(failure)?.as_bytes())
+    }
+
+    /// Declares an item neither finished nor failed; before anything of it is written.
+    ///
+    /// # Errors
+    /// `Disk`.
+    pub fn forget(&self, item: &str) -> Result<(), EngineError> {
+        disk::remove_file(&self.record_path(item))?;
+        disk::remove_file(&self.failure_path(item))
+    }
+
+    /// Forgets all items of a phase (`stage/phase`).
+    ///
+    /// # Errors
+    /// `Disk`.
+    pub fn forget_phase(&self, phase: &str) -> Result<(), EngineError> {
+        self.remove(&format!(".items/{phase}"))
+    }
+
+    fn record_path(&self, item: &str) -> PathBuf {
+        self.root().join(".items").join(format!("{item}.json"))
+    }
+
+    fn failure_path(&self, item: &str) -> PathBuf {
+        self.root().join(".items").join(format!("{item}.failed"))
+    }
+}
+
+fn to_json<T: Serialize>(value: &T) -> Result<String, EngineError> {
+    serde_json::to_string_pretty(value).map_err(|e| EngineError::store(".items", e))
+}

@@ -1,0 +1,255 @@
+//! The stage table: `run`, `status`, resume and progress all derive from it.
+
+use strandflow_core::Report;
+
+use crate::{
+    EngineError, Needs, Plan, Settings, Take,
+    item::{Item, Kind},
+    rooms,
+    store::Writer,
+};
+
+/// A take and what is to be done with it.
+#[derive(Clone, Copy)]
+pub struct Job<'a> {
+    /// The take.
+    pub take: &'a Take,
+    /// Mode, settings, frames.
+    pub plan: &'a Plan,
+}
+
+/// Which frames the per-frame items of a phase cover.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Span {
+    /// The take's first frame up to the last asked for.
+    Lead,
+    /// The frames asked for.
+    Frames,
+}
+
+/// One row of the table.
+pub struct Stage {
+    /// Name in the manifest, on the command line and in the store.
+    pub name: &'static str,
+    /// What it does, in words.
+    pub summary: &'static str,
+    /// Raised when the same input would give another result; results of other versions are stale.
+    pub version: u32,
+    /// Whether `paper` and `robust` differ.
+    pub has_modes: bool,
+    /// Its settings.
+    pub settings: fn(&Settings) -> serde_json::Value,
+    /// Its phases, in order.
+    pub phases: &'static [Phase],
+}
+
+/// A part of a stage with one kind of work item.
+pub struct Phase {
+    /// `stage/phase`; where its records are.
+    pub name: &'static str,
+    /// Its work items.
+    pub kind: Kind,
+    /// Which frames they cover.
+    pub span: Span,
+    /// Makes the arrays; called once the stages before have run.
+    pub prepare: fn(&Job) -> Result<(), EngineError>,
+    /// States what an item rests on.
+    pub needs: fn(&Job, Item, &mut Needs) -> Result<(), EngineError>,
+    /// Loads, computes, stores.
+    pub run: fn(&Job, Item, &mut Writer, &mut Report) -> Result<(), EngineError>,
+}
+
+macro_rules! settings_of {
+    ($stage:ident) => {
+        |settings| serde_json::to_value(&settings.$stage).unwrap_or_default()
+    };
+}
+
+macro_rules! phase {
+    ($name:literal, $kind:ident, $span:ident, $($room:ident)::+) => {{
+        use $($room)::+ as room;
+        Phase {
+            name: $name,
+            kind: Kind::$kind,
+            span: Span::$span,
+            prepare: room::prepare,
+            needs: room::needs,
+            run: room::run,
+        }
+    }};
+}
+
+/// The thirteen stages, in the order of the pipeline.
+pub static STAGES: [Stage; 13] = [
+    Stage {
+        name: "masks",
+        summary: "subject and hair masks",
+        version: 1,
+        has_modes: true,
+        settings: settings_of!(masks),
+        phases: &[phase!("masks/masks", ViewFrameChained, Lead, rooms::masks)],
+    },
+    Stage {
+        name: "hull",
+        summary: "the take's grid and visual hulls",
+        version: 1,
+        has_modes: false,
+        settings: settings_of!(hull),
+        phases: &[phase!("hull/grid", Take, Lead, rooms::hull::grid), phase!("hull/hull", Frame, Lead, rooms::hull)],
+    },
+    Stage {
+        name: "pose",
+        summary: "marker tracks and head poses",
+        version: 1,
+        has_modes: true,
+        settings: settings_of!(pose),
+        phases: &[phase!("pose/pose", Take, Lead, rooms::pose)],
+    },
+    Stage {
+        name: "scalp",
+        summary: "the scalp and its roots",
+        version: 1,
+        has_modes: false,
+        settings: settings_of!(scalp),
+        phases: &[phase!("scalp/scalp", Take, Lead, rooms::scalp)],
+    },
+    Stage {
+        name: "orient",
+        summary: "orientation of every hair pixel",
+        version: 1,
+        has_modes: true,
+        settings: settings_of!(orient),
+        phases: &[phase!("orient/orient", ViewFrame, Frames, rooms::orient)],
+    },
+    Stage {
+        name: "lift",
+        summary: "3D lines seen by three or more views",
+        version: 1,
+        has_modes: true,
+        settings: settings_of!(lift),
+        phases: &[phase!("lift/lift", Frame, Frames, rooms::lift)],
+    },
+    Stage {
+        name: "field",
+        summary: "the dense line field",
+        version: 1,
+        has_modes: true,
+        settings: settings_of!(field),
+        phases: &[phase!("field/field", Frame, Frames, rooms::field)],
+    },
+    Stage {
+        name: "grow",
+        summary: "strands from the roots",
+        version: 1,
+        has_modes: true,
+        settings: settings_of!(grow),
+        phases: &[phase!("grow/grow", Frame, Frames, rooms::grow)],
+    },
+    Stage {
+        name: "prune",
+        summary: "outliers removed",
+        version: 1,
+        has_modes: true,
+        settings: settings_of!(prune),
+        phases: &[phase!("prune/prune", Frame, Frames, rooms::prune)],
+    },
+    Stage {
+        name: "smooth",
+        summary: "strands resampled, smoothed and trimmed",
+        version: 1,
+        has_modes: true,
+        settings: settings_of!(smooth),
+        phases: &[
+            phase!("smooth/frames", Frame, Frames, rooms::smooth::frames),
+            phase!("smooth/topology", Take, Frames, rooms::smooth::topology),
+            phase!("smooth/trim", Block, Frames, rooms::smooth::trim),
+        ],
+    },
+    Stage {
+        name: "fit",
+        summary: "strands explained by simulation",
+        version: 1,
+        has_modes: true,
+        settings: settings_of!(fit),
+        phases: &[phase!("fit/fit", Block, Frames, rooms::fit)],
+    },
+    Stage {
+        name: "flow",
+        summary: "the velocity field",
+        version: 1,
+        has_modes: true,
+        settings: settings_of!(flow),
+        phases: &[phase!("flow/flow", Frame, Frames, rooms::flow)],
+    },
+    Stage {
+        name: "blend",
+        summary: "strands warped, interpolated and completed",
+        version: 1,
+        has_modes: true,
+        settings: settings_of!(blend),
+        phases: &[phase!("blend/blend", Frame, Frames, rooms::blend)],
+    },
+];
+
+/// The index of a stage by name.
+///
+/// # Errors
+/// `Input` for a name that the table does not have.
+pub fn stage_index(name: &str) -> Result<usize, EngineError> {
+    STAGES.iter().position(|stage| stage.name == name).ok_or_else(|| {
+        let names: Vec<&str> = STAGES.iter().map(|stage| stage.name).collect();
+        EngineError::input(
+            format!("stage `{name}`"),
+            "there is no such stage",
+            format!("choose one of {}", names.join(", ")),
+        )
+    })
+}
+
+impl Stage {
+    /// What an item rests on: hashes by kind, and the keys of the items it reads.
+    ///
+    /// # Errors
+    /// `Missing` where an item it reads is not finished; `Disk` where a file is gone.
+    pub fn inputs(&self, phase: &Phase, job: &Job, item: Item) -> Result<Inputs, EngineError> {
+        let mut needs = Needs::new(job.take.store(), job.take.identities());
+        needs.value("version", "stage", &self.version);
+        needs.value("settings", self.name, &(self.settings)(&job.plan.settings));
+        if self.has_modes {
+            needs.value("mode", "mode", &job.plan.mode);
+        }
+        (phase.needs)(job, item, &mut needs)?;
+        let (hashes, items) = needs.finish();
+        Ok(Inputs { hashes, items })
+    }
+}
+
+/// What an item rests on.
+pub struct Inputs {
+    /// Hashes by kind.
+    pub hashes: std::collections::BTreeMap<String, String>,
+    /// Keys of the items it reads.
+    pub items: Vec<String>,
+}
+
+impl Phase {
+    /// All items, in chains: items of one chain run in order, chains run side by side.
+    ///
+    /// # Errors
+    /// `Missing` where the number of strands is not known yet.
+    pub fn chains(&self, job: &Job) -> Result<Vec<Vec<Item>>, EngineError> {
+        let frames = match self.span {
+            Span::Lead => job.plan.lead,
+            Span::Frames => job.plan.frames,
+        };
+        let views = 0..job.take.rig().view_count();
+        let frames = frames.start..frames.end;
+        Ok(match self.kind {
+            Kind::Take => vec![vec![Item::Take]],
+            Kind::Frame => frames.map(|t| vec![Item::Frame(t)]).collect(),
+            Kind::ViewFrame => views.flat_map(|v| frames.clone().map(move |t| vec![Item::ViewFrame(v, t)])).collect(),
+            Kind::ViewFrameChained => views.map(|v| frames.clone().map(|t| Item::ViewFrame(v, t)).collect()).collect(),
+            Kind::Block => (0..job.take.block_count()?).map(|b| vec![Item::Block(b)]).collect(),
+        })
+    }
+}
