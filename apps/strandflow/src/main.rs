@@ -1,2 +1,55 @@
 //! The `strandflow` command.
-fn main() {}
+//!
+//! stdout is data, stderr is talk. Exit codes: 0 done, 1 failed, 2 bad usage or bad input.
+
+mod args;
+mod capture_files;
+mod demo;
+mod evaluate;
+mod export;
+mod failure;
+mod new;
+mod overlay;
+mod progress;
+mod run;
+mod score_table;
+mod scores;
+mod status;
+mod synth;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use crate::{
+    args::{Args, Command},
+    failure::Failed,
+};
+
+fn main() -> ExitCode {
+    let args = Args::parse();
+    tracing_subscriber::fmt()
+        .with_env_filter(tracing_subscriber::EnvFilter::from_env("STRANDFLOW_LOG"))
+        .with_writer(std::io::stderr)
+        .init();
+    let result = match args.command {
+        Command::New(args) => new::new(&args),
+        Command::Run(args) => run::run(&args),
+        Command::Status(args) => status::status(&args),
+        Command::Evaluate(args) => evaluate::evaluate(&args),
+        Command::Export(args) => export::export(&args),
+        Command::Overlay(args) => overlay::overlay(&args),
+        Command::Synth(args) => synth::synth(&args),
+        Command::Demo(args) => demo::demo(&args),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failed { error, hint, input }) => {
+            eprintln!("error: {error}");
+            if !hint.is_empty() {
+                eprintln!("hint: {hint}");
+            }
+            ExitCode::from(if input { 2 } else { 1 })
+        }
+    }
+}

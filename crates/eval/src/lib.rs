@@ -6,6 +6,7 @@ pub mod dynamics;
 pub mod head;
 pub mod images;
 pub mod index;
+pub mod overlay;
 pub mod raster;
 pub mod statistics;
 pub mod strands;

@@ -1,0 +1,259 @@
+//! All of clap: what can be typed. Resolved into domain objects by the subcommands before any work starts.
+
+use std::path::PathBuf;
+
+use clap::{Parser, Subcommand, ValueEnum};
+use strandflow_core::FrameRange;
+
+/// Multi-view video of moving hair in, animated strands with fitted physics out.
+///
+/// Exit codes: 0 done, 1 failed, 2 bad usage or bad input.
+#[derive(Debug, Parser)]
+#[command(name = "strandflow", version, propagate_version = true)]
+pub struct Args {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The subcommands, one file each.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Scaffold a take from a capture folder; copies nothing.
+    New(NewArgs),
+    /// Run the stages; resumes where a run stopped, repeats what is stale.
+    Run(RunArgs),
+    /// What is done, stale, missing or failed, and why.
+    Status(StatusArgs),
+    /// Score results against truth, or against the images where there is none.
+    Evaluate(EvaluateArgs),
+    /// Write strands in a format that other programs read.
+    Export(ExportArgs),
+    /// Draw strands over one image of the footage.
+    Overlay(OverlayArgs),
+    /// Make a synthetic capture with truth.
+    Synth(SynthArgs),
+    /// Make a small synthetic capture, run everything on it, score it and write exports. Needs no file.
+    Demo(DemoArgs),
+}
+
+/// `strandflow new`.
+#[derive(Debug, clap::Args)]
+pub struct NewArgs {
+    /// The folder to make.
+    pub take: PathBuf,
+    /// The capture: video/ or images/, clean/, a calibration, user/.
+    #[arg(long, value_name = "DIR")]
+    pub capture: PathBuf,
+}
+
+/// `strandflow run`.
+#[derive(Debug, clap::Args)]
+pub struct RunArgs {
+    /// The take.
+    pub take: PathBuf,
+    /// First stage; what comes before is taken as it is.
+    #[arg(long, value_name = "STAGE")]
+    pub from: Option<String>,
+    /// Last stage.
+    #[arg(long, value_name = "STAGE")]
+    pub to: Option<String>,
+    /// Treat the take as these frames only; masks, hulls and poses also cover what leads up to them.
+    #[arg(long, value_name = "A..B")]
+    pub frames: Option<FrameRange>,
+    /// Reading of the method; the manifest's by default.
+    #[arg(long)]
+    pub mode: Option<ModeArg>,
+    /// Threads; also the most work items in memory. All cores by default.
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+    /// Print events as lines of JSON instead of progress bars.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `strandflow status`.
+#[derive(Debug, clap::Args)]
+pub struct StatusArgs {
+    /// The take.
+    pub take: PathBuf,
+    /// Reading of the method to judge by; the last run's by default.
+    #[arg(long)]
+    pub mode: Option<ModeArg>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `strandflow export`.
+#[derive(Debug, clap::Args)]
+pub struct ExportArgs {
+    /// The take.
+    pub take: PathBuf,
+    /// Strands of which stage.
+    #[arg(long)]
+    pub stage: SequenceStage,
+    /// The format.
+    #[arg(long)]
+    pub to: Format,
+    /// The file to write; for ply, hair and data (one file a frame) a folder.
+    pub out: PathBuf,
+}
+
+/// `strandflow evaluate`.
+#[derive(Debug, clap::Args)]
+pub struct EvaluateArgs {
+    /// The take.
+    pub take: PathBuf,
+    /// Truth: the gt/ folder of a capture. Without it, strands are compared with the orientation maps.
+    #[arg(long, value_name = "DIR")]
+    pub truth: Option<PathBuf>,
+    /// Only this stage.
+    #[arg(long, value_name = "STAGE")]
+    pub stage: Option<String>,
+    /// Score the strands of this .npz instead, made by any program.
+    #[arg(long, value_name = "FILE")]
+    pub strands: Option<PathBuf>,
+    /// Also write everything as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `strandflow overlay`.
+#[derive(Debug, clap::Args)]
+pub struct OverlayArgs {
+    /// The take.
+    pub take: PathBuf,
+    /// Strands of which stage.
+    #[arg(long, default_value = "blend")]
+    pub stage: SequenceStage,
+    /// The view.
+    #[arg(long)]
+    pub view: String,
+    /// The frame.
+    #[arg(long)]
+    pub frame: usize,
+    /// Draw every N-th strand.
+    #[arg(long, default_value_t = 8, value_name = "N")]
+    pub every: usize,
+    /// Colour by provenance: green observed, blue diffused, orange simulated, magenta completed.
+    #[arg(long)]
+    pub provenance: bool,
+    /// The PNG to write.
+    pub out: PathBuf,
+}
+
+/// `strandflow synth`.
+#[derive(Debug, clap::Args)]
+pub struct SynthArgs {
+    /// The folder to make.
+    pub out: PathBuf,
+    /// Style of the hair.
+    #[arg(long, default_value = "straight")]
+    pub style: StyleArg,
+    /// As large as a real take (640×480, 9,000 strands) instead of the demo's size.
+    #[arg(long)]
+    pub full: bool,
+    /// Number of frames.
+    #[arg(long, value_name = "N")]
+    pub frames: Option<usize>,
+    /// Seed.
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// A spec to go by instead, as TOML; every capture carries its own as synth.toml.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["full", "style"])]
+    pub spec: Option<PathBuf>,
+    /// Write over a capture that is there.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// `strandflow demo`.
+#[derive(Debug, clap::Args)]
+pub struct DemoArgs {
+    /// The take to make.
+    #[arg(long, default_value = "demo.take", value_name = "TAKE")]
+    pub out: PathBuf,
+    /// Write over an earlier demo.
+    #[arg(long)]
+    pub force: bool,
+    /// Threads; all cores by default.
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+}
+
+/// Styles of synthetic hair.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum StyleArg {
+    /// Straight.
+    Straight,
+    /// Wavy.
+    Wavy,
+    /// Curly.
+    Curly,
+}
+
+impl From<StyleArg> for strandflow_synth::Style {
+    fn from(style: StyleArg) -> Self {
+        match style {
+            StyleArg::Straight => Self::Straight,
+            StyleArg::Wavy => Self::Wavy,
+            StyleArg::Curly => Self::Curly,
+        }
+    }
+}
+
+/// The two readings of the method.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum ModeArg {
+    /// The letter of the paper.
+    Paper,
+    /// What measures best.
+    Robust,
+}
+
+impl From<ModeArg> for strandflow_stages::Mode {
+    fn from(mode: ModeArg) -> Self {
+        match mode {
+            ModeArg::Paper => Self::Paper,
+            ModeArg::Robust => Self::Robust,
+        }
+    }
+}
+
+/// Stages whose result is strands of fixed topology.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SequenceStage {
+    /// Smoothed and trimmed.
+    Smooth,
+    /// Explained by simulation.
+    Fit,
+    /// Warped, interpolated and completed.
+    Blend,
+}
+
+impl SequenceStage {
+    /// Name of the stage.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Smooth => "smooth",
+            Self::Fit => "fit",
+            Self::Blend => "blend",
+        }
+    }
+}
+
+/// Formats of strands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// Arrays for numpy: points, valid, frame, provenance, confidence, head_from_world.
+    Npz,
+    /// Stanford PLY, one file a frame.
+    Ply,
+    /// Cem Yuksel's hair files, one a frame.
+    Hair,
+    /// USC-HairSalon data files, one a frame.
+    Data,
+    /// Animated USD curves.
+    Usd,
+}

@@ -1,0 +1,82 @@
+//! `strandflow demo`: a small synthetic capture, all stages, its score, exports and a picture.
+
+use std::path::Path;
+
+use strandflow_synth::{Style, SynthSpec};
+
+use crate::{
+    args::{DemoArgs, EvaluateArgs, ExportArgs, Format, NewArgs, OverlayArgs, RunArgs, SequenceStage},
+    evaluate, export,
+    failure::Failed,
+    new, overlay, run, synth,
+};
+
+pub fn demo(args: &DemoArgs) -> Result<(), Failed> {
+    let take = &args.out;
+    prepare(take, args.force)?;
+    let capture = take.join("capture");
+    synth::make(&SynthSpec::demo(Style::Straight), &capture)?;
+    new::new(&NewArgs { take: take.clone(), capture: capture.clone() })?;
+    run::run(&RunArgs {
+        take: take.clone(),
+        from: None,
+        to: None,
+        frames: None,
+        mode: None,
+        threads: args.threads,
+        json: false,
+    })?;
+    let scores = take.join("scores.json");
+    evaluate::evaluate(&EvaluateArgs {
+        take: take.clone(),
+        truth: Some(capture.join("gt")),
+        stage: None,
+        strands: None,
+        json: Some(scores.clone()),
+    })?;
+    let folder = take.join("export");
+    for (format, name) in [
+        (Format::Usd, "strands.usdc"),
+        (Format::Npz, "strands.npz"),
+        (Format::Hair, "hair"),
+        (Format::Data, "data"),
+        (Format::Ply, "ply"),
+    ] {
+        let out = folder.join(name);
+        export::export(&ExportArgs { take: take.clone(), stage: SequenceStage::Blend, to: format, out })?;
+    }
+    let picture = take.join("overlay.png");
+    overlay::overlay(&OverlayArgs {
+        take: take.clone(),
+        stage: SequenceStage::Blend,
+        view: "cam03".into(),
+        frame: SynthSpec::demo(Style::Straight).rig.frames * 3 / 4,
+        every: 4,
+        provenance: false,
+        out: picture.clone(),
+    })?;
+    eprintln!();
+    for (what, path) in [
+        ("capture with truth", capture.as_path()),
+        ("results (Zarr)", &take.join("results.zarr")),
+        ("scores", &scores),
+        ("exports", &folder),
+        ("strands over footage", &picture),
+    ] {
+        eprintln!("{what:<22}{}", path.display());
+    }
+    Ok(())
+}
+
+/// Makes room for the demo; a folder that the demo did not make is never removed.
+fn prepare(take: &Path, force: bool) -> Result<(), Failed> {
+    if !take.exists() {
+        return Ok(());
+    }
+    let ours = take.join("capture/synth.toml").is_file();
+    if !force || !ours {
+        let hint = "give another folder with --out; --force writes over an earlier demo, and over nothing else";
+        return Err(Failed::input(format!("{} exists already", take.display()), hint));
+    }
+    std::fs::remove_dir_all(take).map_err(Failed::from)
+}
