@@ -156,7 +156,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "smooth",
         summary: "strands resampled, smoothed and trimmed",
-        version: 1,
+        version: 2,
         has_modes: true,
         settings: settings_of!(smooth),
         phases: &[

@@ -24,11 +24,6 @@ use strandflow_stages::StageError;
 
 use crate::{EngineError, Needs, item::Item, table::Job};
 
-/// Key of the item of the phase.
-pub(crate) fn key(phase: &str, item: Item) -> String {
-    item.key(phase)
-}
-
 /// Makes an array; where one of another shape had to go, the phase's items have to be done again.
 pub(crate) fn ensure(
     job: &Job,
