@@ -28,7 +28,7 @@ fn killed_at_any_moment_the_next_run_ends_with_the_same_bytes() {
                 .stderr(Stdio::null())
                 .spawn()
                 .unwrap();
-            std::thread::sleep(Duration::from_millis(20 + (round * 37 + kill * 53) % 90));
+            std::thread::sleep(Duration::from_millis(30 + (round * 137 + kill * 211) % 500));
             child.kill().unwrap();
             child.wait().unwrap();
         }
