@@ -5,7 +5,8 @@ use std::{
     process::{Command, ExitCode},
 };
 
-const USAGE: &str = "cargo xtask setup    install what the tests use beyond Rust: ffmpeg, and foreign readers in target/python
+const USAGE: &str =
+    "cargo xtask setup    install what the tests use beyond Rust: ffmpeg, and foreign readers in target/python
 cargo xtask test     setup, then all tests; what could not be installed is skipped and said so
 cargo xtask ci       everything the gate runs: format, lints, docs, tests, demo; nothing may be skipped";
 

@@ -36,7 +36,11 @@ pub fn write_capture(scene: &Scene, folder: &Path, mut done: impl FnMut(usize)) 
         notes: Vec::new(),
     };
     strandflow_io::calibration::own_toml::write_toml(&folder.join("calibration.toml"), &calibration)?;
-    write_text(&folder.join("synth.toml"), &toml::to_string(spec).map_err(|error| Failed::input(error.to_string(), "this spec cannot be written as TOML"))?)?;
+    write_text(
+        &folder.join("synth.toml"),
+        &toml::to_string(spec)
+            .map_err(|error| Failed::input(error.to_string(), "this spec cannot be written as TOML"))?,
+    )?;
     write_head(&folder.join("gt/head.obj"), &scene.head)?;
 
     let mut poses = Vec::with_capacity(spec.rig.frames);
@@ -130,9 +134,8 @@ fn write_strands(path: &Path, strands: &strandflow_core::Strands) -> Result<(), 
 }
 
 fn write_poses(path: &Path, poses: &[RigidTransform]) -> Result<(), Failed> {
-    let metres = |pose: &RigidTransform| {
-        RigidTransform { translation: pose.translation * 1e-3, ..*pose }.to_rows().concat()
-    };
+    let metres =
+        |pose: &RigidTransform| RigidTransform { translation: pose.translation * 1e-3, ..*pose }.to_rows().concat();
     let first = poses.first().map(RigidTransform::inverse).unwrap_or_default();
     let mut npz = Npz::create(path.to_owned())?;
     npz.array("head_to_world", &[poses.len(), 4, 4], poses.iter().flat_map(metres).collect())?;

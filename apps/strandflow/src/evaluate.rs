@@ -50,11 +50,10 @@ fn agreement(args: &EvaluateArgs, take: &Take, plan: &Plan, stage: &str) -> Resu
             let strands = (0..sequence.strand_count).map(|n| (n as u32, sequence.strand(t, n)));
             let drawn = StrandView::draw(camera, strands, &head);
             let scores = held_out_agreement(&drawn, &map.angle, &map.confidence);
-            table.row(&camera.name, [
-                frame.to_string(),
-                format!("{:.2}", scores.all.mean),
-                format!("{:.2}", scores.confident_half.mean),
-            ]);
+            table.row(
+                &camera.name,
+                [frame.to_string(), format!("{:.2}", scores.all.mean), format!("{:.2}", scores.confident_half.mean)],
+            );
             found.push(serde_json::json!({ "view": camera.name, "frame": frame, "scores": scores }));
         }
     }
@@ -74,7 +73,6 @@ fn print(text: &str) {
 fn write_json(file: Option<&Path>, scores: &impl serde::Serialize) -> Result<(), Failed> {
     let Some(file) = file else { return Ok(()) };
     let text = serde_json::to_string_pretty(scores).map_err(std::io::Error::other)?;
-    std::fs::write(file, text + "\n").map_err(|error| {
-        Failed::input(format!("{}: {error}", file.display()), "give a file that you may write to")
-    })
+    std::fs::write(file, text + "\n")
+        .map_err(|error| Failed::input(format!("{}: {error}", file.display()), "give a file that you may write to"))
 }

@@ -115,13 +115,10 @@ impl Scores {
                 ],
             );
         }
-        table.row("truth", [
-            "0".to_owned(),
-            "0".to_owned(),
-            format!("{:.3}", first.1.true_jitter_mm),
-            "0".to_owned(),
-            "1".to_owned(),
-        ]);
+        table.row(
+            "truth",
+            ["0".to_owned(), "0".to_owned(), format!("{:.3}", first.1.true_jitter_mm), "0".to_owned(), "1".to_owned()],
+        );
         Some(table)
     }
 }

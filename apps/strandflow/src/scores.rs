@@ -50,11 +50,16 @@ pub struct Scores {
 }
 
 /// Scores what a take has, or one stage of it.
-pub fn score_take(take: &Take, plan: &Plan, truth: &Truth, folder: &Path, only: Option<&str>) -> Result<Scores, Failed> {
+pub fn score_take(
+    take: &Take,
+    plan: &Plan,
+    truth: &Truth,
+    folder: &Path,
+    only: Option<&str>,
+) -> Result<Scores, Failed> {
     let wanted = |stage: &str| only.is_none_or(|name| name == stage);
     let mut scores = Scores::default();
-    let frames: Vec<usize> =
-        (plan.frames.start..plan.frames.end).filter(|f| truth.at(*f as u32).is_some()).collect();
+    let frames: Vec<usize> = (plan.frames.start..plan.frames.end).filter(|f| truth.at(*f as u32).is_some()).collect();
     if wanted("masks") {
         scores.subject = score_masks(take, &frames, &folder.join("mask_subject"), Kind::Subject)?;
         scores.hair = score_masks(take, &frames, &folder.join("mask_hair"), Kind::Hair)?;
@@ -192,10 +197,8 @@ fn ragged_sequence(take: &Take, stage: &str, frames: &[usize]) -> Option<StrandS
         let points = strands.strand(n);
         polyline::arc_parameters(points, 5.0).into_iter().map(|s| polyline::at_parameter(points, s)).collect()
     };
-    let lines: Vec<Vec<Vec<_>>> = all
-        .par_iter()
-        .map(|strands| (0..strands.strand_count()).map(|n| resampled(strands, n)).collect())
-        .collect();
+    let lines: Vec<Vec<Vec<_>>> =
+        all.par_iter().map(|strands| (0..strands.strand_count()).map(|n| resampled(strands, n)).collect()).collect();
     let strand_count = lines.iter().map(Vec::len).max()?;
     let count = |n: usize| lines.iter().filter_map(|frame| frame.get(n)).map(Vec::len).max().unwrap_or(0) as u16;
     let counts: Vec<u16> = (0..strand_count).map(count).collect();

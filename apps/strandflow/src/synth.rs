@@ -45,7 +45,12 @@ pub fn make(spec: &SynthSpec, folder: &Path) -> Result<(), Failed> {
 }
 
 fn read_spec(path: &Path) -> Result<SynthSpec, Failed> {
-    let wrong = |error: String| Failed::input(format!("{}: {error}", path.display()), "see synth.toml of any capture made by `strandflow synth`");
+    let wrong = |error: String| {
+        Failed::input(
+            format!("{}: {error}", path.display()),
+            "see synth.toml of any capture made by `strandflow synth`",
+        )
+    };
     let text = std::fs::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
     toml::from_str(&text).map_err(|error| wrong(error.to_string()))
 }
