@@ -98,6 +98,12 @@ fn finite(x: f32) -> f32 {
     if x.is_finite() { x } else { 0.0 }
 }
 
+/// The Python interpreter with the foreign readers: `STRANDFLOW_PYTHON`, else the one on the path.
+#[cfg(test)]
+pub(crate) fn python() -> std::ffi::OsString {
+    std::env::var_os("STRANDFLOW_PYTHON").unwrap_or_else(|| "python3".into())
+}
+
 /// A small sequence with a short strand, an absent one, gaps in a strand and gaps in time, for the tests of the formats.
 #[cfg(test)]
 pub(crate) fn sample() -> StrandSequence {
