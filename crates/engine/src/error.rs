@@ -45,8 +45,8 @@ pub enum EngineError {
     Stage {
         /// The stage.
         stage: String,
-        /// What it said.
-        error: StageError,
+        /// What it said; boxed, because results carry errors by value.
+        error: Box<StageError>,
     },
 }
 
@@ -83,7 +83,7 @@ impl EngineError {
     pub fn is_input(&self) -> bool {
         match self {
             Self::Input { .. } => true,
-            Self::Stage { error, .. } => !matches!(error, StageError::NonFinite { .. }),
+            Self::Stage { error, .. } => !matches!(**error, StageError::NonFinite { .. }),
             _ => false,
         }
     }

@@ -14,6 +14,9 @@ use crate::{
     footage::{ViewFiles, numbered_images},
 };
 
+/// A labelled marker: its number, and its image points by view index.
+pub type NumberedMarker = (u32, BTreeMap<usize, [f64; 2]>);
+
 impl From<IoError> for EngineError {
     fn from(error: IoError) -> Self {
         let hint = error.hint();
@@ -117,7 +120,7 @@ impl Sources {
     /// # Errors
     /// `Input` where the file cannot be read, is of another frame, names views that are not there, or holds fewer than
     /// five markers seen by two views.
-    pub fn labels(&self, rig: &Rig, first: usize) -> Result<Vec<(u32, BTreeMap<usize, [f64; 2]>)>, EngineError> {
+    pub fn labels(&self, rig: &Rig, first: usize) -> Result<Vec<NumberedMarker>, EngineError> {
         let labels = strandflow_io::read_marker_labels(&self.labels)?;
         let name = self.labels.display().to_string();
         if labels.frame != first {

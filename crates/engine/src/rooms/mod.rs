@@ -45,7 +45,7 @@ pub(crate) fn ensure(
 
 /// Names the stage in a stage's error.
 pub(crate) fn of_stage(stage: &'static str) -> impl Fn(StageError) -> EngineError {
-    move |error| EngineError::Stage { stage: stage.to_owned(), error }
+    move |error| EngineError::Stage { stage: stage.to_owned(), error: Box::new(error) }
 }
 
 /// The head's motion in a frame, by value: another frame's pose may change without this one's results going stale.

@@ -124,5 +124,5 @@ fn finite(point: Vec3, folder: &str, frame: usize, strand: usize) -> Result<(), 
     }
     let place = Place { view: None, frame: Some(frame), strand: Some(strand) };
     let stage = folder.split('/').next().unwrap_or_default().to_owned();
-    Err(EngineError::Stage { stage, error: StageError::NonFinite { place, what: "a point".into() } })
+    Err(EngineError::Stage { stage, error: Box::new(StageError::NonFinite { place, what: "a point".into() }) })
 }
