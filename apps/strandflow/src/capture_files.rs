@@ -168,7 +168,7 @@ impl Npz {
 
     fn array<T: npyz::AutoSerialize>(&mut self, name: &str, shape: &[usize], values: Vec<T>) -> Result<(), Failed> {
         let shape: Vec<u64> = shape.iter().map(|&n| n as u64).collect();
-        let mut write = || {
+        let write = || {
             let builder = self.writer.array::<T>(name, Default::default())?;
             let mut array = builder.default_dtype().shape(&shape).begin_nd()?;
             array.extend(values)?;

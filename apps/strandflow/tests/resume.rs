@@ -1,4 +1,5 @@
 //! A killed run loses only what was in work; the next one ends with the same bytes. What is not stale is not repeated.
+#![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
 mod common;
 

@@ -70,7 +70,7 @@ pub fn factor<R: Lanes>(a: &mut [BlockRow<R>], first: usize) {
             solve_right(&mut block, &above[i - 2][0]);
             row[2] = block;
         }
-        if i >= first + 1 {
+        if i > first {
             let mut block = row[1];
             if i >= first + 3 {
                 subtract_product(&mut block, &row[3], &above[i - 1][2]);
@@ -82,9 +82,9 @@ pub fn factor<R: Lanes>(a: &mut [BlockRow<R>], first: usize) {
             row[1] = block;
         }
         let mut diagonal = row[0];
-        for d in 1..4 {
+        for (d, left) in row.iter().enumerate().skip(1) {
             if i >= first + d {
-                subtract_product(&mut diagonal, &row[d], &row[d]);
+                subtract_product(&mut diagonal, left, left);
             }
         }
         factor_diagonal(&mut diagonal);

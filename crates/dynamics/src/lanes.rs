@@ -154,11 +154,7 @@ impl Lanes for Portable {
     }
     #[inline(always)]
     fn where_positive(self, value: Self) -> Self {
-        let mut out = [0.0; 4];
-        for lane in 0..4 {
-            out[lane] = if self.0[lane] > 0.0 { value.0[lane] } else { 0.0 };
-        }
-        Self(out)
+        Self(std::array::from_fn(|lane| if self.0[lane] > 0.0 { value.0[lane] } else { 0.0 }))
     }
 }
 

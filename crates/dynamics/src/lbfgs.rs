@@ -212,7 +212,7 @@ impl Lbfgs {
         }
         self.two_loop(&free);
         let descent = inner(&self.direction, &self.g);
-        if !(descent < 0.0) {
+        if descent.is_nan() || descent >= 0.0 {
             self.pairs.clear();
             self.two_loop(&free);
         }

@@ -209,6 +209,9 @@ pub fn condense<R: Lanes>(a: &[BlockRow<R>], kinematic: usize, q: &mut [V3<R>]) 
     }
 }
 
+/// Positions, velocities after the step and multipliers of one strand, per particle.
+type Motion<'a, R> = (&'a [V3<R>], &'a [V3<R>], &'a [V3<R>]);
+
 /// Derivatives of the residual R·μ of one step by state and parameters: adds −∂(R·μ)/∂x to `by_x`, −∂(R·μ)/∂p to `by_p`.
 /// `mu` must vanish on kinematic particles. (By v the derivative of −R·μ is μ itself.)
 #[inline(always)]
@@ -216,7 +219,7 @@ pub fn adjoint<R: Lanes>(
     rest: &LaneRest<R>,
     p: &LaneParams<R>,
     s: &StepConstants<R>,
-    (x, v1, mu): (&[V3<R>], &[V3<R>], &[V3<R>]),
+    (x, v1, mu): Motion<R>,
     by_x: &mut [V3<R>],
     by_p: &mut [R; 9],
 ) {
@@ -250,7 +253,7 @@ fn pair_adjoint<R: Lanes>(
     rest: &LaneRest<R>,
     p: &LaneParams<R>,
     s: &StepConstants<R>,
-    (x, v1, mu): (&[V3<R>], &[V3<R>], &[V3<R>]),
+    (x, v1, mu): Motion<R>,
     (order, j): (usize, usize),
     by_x: &mut [V3<R>],
     by_p: &mut [R; 9],

@@ -135,6 +135,7 @@ pub fn simulate<R: Lanes>(input: &WindowInput<R>, w: &mut WindowWorkspace<R>) {
             );
         }
         let x = &w.x[(frame + 1) * input.substeps * n..][..n];
+        #[expect(clippy::needless_range_loop, reason = "one index through several arrays reads as the formula")]
         for i in fixed..n {
             let d = sub(x[i], input.targets[frame * n + i]);
             let square = d[0].mul_add(d[0], d[1].mul_add(d[1], d[2] * d[2]));
@@ -165,6 +166,7 @@ pub fn evaluate<R: Lanes>(input: &WindowInput<R>, w: &mut WindowWorkspace<R>) {
         if (step + 1) % input.substeps == 0 {
             let frame = step / input.substeps;
             let x = &w.x[(step + 1) * n..(step + 2) * n];
+            #[expect(clippy::needless_range_loop, reason = "one index through several arrays reads as the formula")]
             for i in fixed..n {
                 let weight = two * input.weights[frame * n + i];
                 w.by_x0[i] = axpy(weight, sub(x[i], input.targets[frame * n + i]), w.by_x0[i]);
@@ -203,8 +205,6 @@ pub fn relax<R: Lanes>(
         }
         let (x1, v1) = (&mut w.x[..n], &mut w.v[..n]);
         advance(rest, params, s, (x, &w.mu), x_tilde, &mut w.factors[..n], (x1, v1));
-        for i in s.kinematic..n {
-            x[i] = x1[i];
-        }
+        x[s.kinematic..n].copy_from_slice(&x1[s.kinematic..n]);
     }
 }

@@ -1,4 +1,5 @@
 //! Equations 2, 6 and 7 against vectors from an independent reference.
+#![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
 use glam::DVec3;
 use serde_json::Value;

@@ -40,13 +40,13 @@ fn dense(case: &Value, jacobian: Jacobian, dt: f64, p: &LaneParams<f64>) -> (Vec
     let (mut a, mut q) = (vec![band::zero_row(); n], vec![zero3(); n]);
     system::assemble(&lanes, p, &constants, (&x, &v), &mut a, &mut q);
     let mut full = vec![0.0; 9 * n * n];
-    for i in 0..n {
-        for d in 0..4.min(i + 1) {
+    for (i, blocks) in a.iter().enumerate() {
+        for (d, block) in blocks.iter().enumerate().take(i + 1) {
             for r in 0..3 {
                 for c in 0..3 {
                     let (row, col) = (3 * i + r, 3 * (i - d) + c);
-                    full[row * 3 * n + col] = a[i][d][3 * r + c];
-                    full[col * 3 * n + row] = a[i][d][3 * r + c];
+                    full[row * 3 * n + col] = block[3 * r + c];
+                    full[col * 3 * n + row] = block[3 * r + c];
                 }
             }
         }
@@ -68,7 +68,7 @@ fn stiffness_damping_and_forces_agree() {
     for case in load("springs") {
         let n = points(&case["x"]).len();
         let p = params(&case["p"]);
-        let identity = |k: usize| if k % (3 * n + 1) == 0 { 1.0 } else { 0.0 };
+        let identity = |k: usize| if k.is_multiple_of(3 * n + 1) { 1.0 } else { 0.0 };
         // Without damping A − I = Δt² K; without stiffness A − I = Δt D.
         for (name, jacobian) in [("K_clamped", Jacobian::Clamped), ("K_rank1", Jacobian::Rank1)] {
             let (a, _) = dense(&case, jacobian, 1.0, &LaneParams::splat(&p.undamped()));

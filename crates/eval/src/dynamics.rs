@@ -193,7 +193,7 @@ fn follow(
             record.second.push(Second {
                 found: second(at(i - 1)[p], *point, at(i + 1)[p]),
                 expected: second(before, now, after),
-                border: sequence.frames[frames[i].0] as usize % sampling.window_frames.max(1) == 0,
+                border: (sequence.frames[frames[i].0] as usize).is_multiple_of(sampling.window_frames.max(1)),
             });
             if i + 2 < frames.len() && adjacent(i, i + 2) && at(i + 2)[p].is_finite() {
                 let third = |a: Vec3, b: Vec3, c: Vec3, d: Vec3| f64::from((d - c * 3.0 + b * 3.0 - a).length());
@@ -208,7 +208,7 @@ fn follow(
 }
 
 /// Walks from the first frame on; where the mean distance to the followed strand jumps, another strand is followed.
-#[allow(clippy::too_many_arguments)] // closures over one strand's data
+#[expect(clippy::too_many_arguments, reason = "closures over one strand's data")]
 fn count_switches<'a>(
     record: &mut StrandRecord,
     frame_count: usize,
@@ -224,7 +224,7 @@ fn count_switches<'a>(
     } else {
         assign(at(0), &indices[0], |n| true_at(0, n), sampling.reach_mm).or(Some(own))
     };
-    for i in 1..frame_count {
+    for (i, index) in indices.iter().enumerate().take(frame_count).skip(1) {
         let Some(strand) = current else { break };
         let before = mean_distance(at(i - 1), true_at(i - 1, strand));
         let now = mean_distance(at(i), true_at(i, strand));
@@ -232,7 +232,7 @@ fn count_switches<'a>(
         record.pairs += 1;
         if now - before > sampling.switch_mm {
             record.switches += 1;
-            current = assign(at(i), &indices[i], |n| true_at(i, n), sampling.reach_mm).or(current);
+            current = assign(at(i), index, |n| true_at(i, n), sampling.reach_mm).or(current);
         }
     }
 }

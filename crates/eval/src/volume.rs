@@ -140,7 +140,7 @@ mod tests {
         // Lines on one strand in five, tilted by 12 degrees.
         let indices: Vec<u32> = (10..21).map(|z| grid.index([10, 10, z]) as u32).collect();
         let tilt = 12f32.to_radians();
-        let scores = evaluate_lines(&grid, &indices, &vec![Vec3::new(0.0, tilt.sin(), -tilt.cos()); 11], &truth, 0);
+        let scores = evaluate_lines(&grid, &indices, &[Vec3::new(0.0, tilt.sin(), -tilt.cos()); 11], &truth, 0);
         assert_eq!(scores.hair_voxels, 55);
         assert!((scores.coverage - 0.2).abs() < 1e-9 && (scores.degrees.mean - 12.0).abs() < 1e-3);
         assert_eq!(scores.on_hair, 1.0);

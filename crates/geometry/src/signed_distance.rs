@@ -103,8 +103,7 @@ fn squared_distance_to(values: &[bool], grid: &Grid, wanted: bool) -> Vec<f32> {
     const FAR: f32 = 1e12;
     let mut squared: Vec<f32> = values.iter().map(|&v| if v == wanted { 0.0 } else { FAR }).collect();
     let strides = [1, grid.dims[0], grid.dims[0] * grid.dims[1]];
-    for axis in 0..3 {
-        let (n, stride) = (grid.dims[axis], strides[axis]);
+    for (n, stride) in grid.dims.into_iter().zip(strides) {
         let mut line = vec![0.0; n];
         for start in 0..grid.len() {
             if start / stride % n != 0 {

@@ -294,7 +294,8 @@ mod tests {
 
     #[test]
     fn unsound_cameras_are_named() {
-        let broken: [(&str, fn(&mut CameraParts)); 7] = [
+        type Damage = fn(&mut CameraParts);
+        let broken: [(&str, Damage); 7] = [
             ("non-finite", |p| p.translation[1] = f64::NAN),
             ("image size", |p| p.size[0] = 0),
             ("focal", |p| p.k[1][1] = -3.0),

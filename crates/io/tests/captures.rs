@@ -1,4 +1,5 @@
 //! The readers on whole captures, where they are at hand.
+#![expect(clippy::print_stdout, reason = "helpers of tests say what was skipped or measured")]
 
 use std::path::{Path, PathBuf};
 

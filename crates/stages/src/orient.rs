@@ -73,7 +73,7 @@ impl OrientSettings {
             "shorter waves are not sampled, longer ones are shading",
         );
         unless(
-            self.orientations >= 4 && self.orientations % 2 == 0,
+            self.orientations >= 4 && self.orientations.is_multiple_of(2),
             "orientations",
             self.orientations.to_string(),
             "an even number from 4 on",

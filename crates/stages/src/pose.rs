@@ -129,7 +129,7 @@ pub fn pose(
     settings: &PoseSettings,
     report: &mut Report,
 ) -> Result<HeadPoses, StageError> {
-    let mut tracker = Tracker::start(input, settings)?;
+    let tracker = Tracker::start(input, settings)?;
     let mut poses = tracker.first_frame();
     let mut previous = tracker.images(input.frames.start)?;
     for frame in input.frames.start + 1..input.frames.end {

@@ -210,7 +210,7 @@ mod tests {
         let clean: Vec<Vec3> = (0..100).map(|i| wave(2.0 * i as f32)).collect();
         let noisy: Vec<Vec3> = clean.iter().map(|p| *p + Vec3::new(noise(), noise(), 0.0)).collect();
         let mut strands = Strands::new();
-        strands.push(&noisy, &vec![Provenance::Observed; 100], &vec![1.0; 100]);
+        strands.push(&noisy, &[Provenance::Observed; 100], &[1.0; 100]);
         let settings = SmoothSettings::default();
         let across = |p: &Vec3| (p.x - wave(-p.z).x).hypot(p.y);
         let rms =

@@ -1,4 +1,5 @@
 //! Lines, field, strands and outlier tests on a hair of known directions: a ball covered with meridians.
+#![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use strandflow_core::{

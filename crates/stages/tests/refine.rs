@@ -1,4 +1,5 @@
 //! Stages 12 and 13 on strands whose motion is known: what the refinement keeps, what it removes, what it completes.
+#![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
 use glam::{DMat3, DVec3, Vec3};
 use strandflow_core::{Grid, Occupancy, Provenance, Report, RigidTransform, SparseVoxels, StrandSequence};

@@ -32,7 +32,7 @@ impl DepthMap {
     #[inline]
     pub fn behind_at(&self, pixel: DVec2, depth: f64) -> Option<f32> {
         let first = *self.depth.at_point(pixel.x, pixel.y)?;
-        first.is_finite().then(|| depth as f32 - first)
+        first.is_finite().then_some(depth as f32 - first)
     }
 }
 

@@ -108,7 +108,7 @@ pub fn truth(scene: &Scene) -> Truth {
     let (keep, push) = ((-scene.step_secs / 0.15).exp(), scene.wind / 3f64.sqrt());
     let kick = push * (1.0 - keep * keep).sqrt();
     for k in 0..settle + scene.frames * per_frame {
-        if k >= settle && (k - settle) % per_frame == 0 {
+        if k >= settle && (k - settle).is_multiple_of(per_frame) {
             points.extend_from_slice(&state.x);
             poses.push(head_at(k as f64 * scene.step_secs));
         }

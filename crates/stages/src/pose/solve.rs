@@ -153,8 +153,8 @@ mod tests {
         let rig = rig();
         let mut seen = Vec::new();
         for view in 0..4 {
-            for marker in 0..8 {
-                let exact = project(&rig.cameras[view], truth.point(model[marker].unwrap())).unwrap();
+            for (marker, at) in model.iter().enumerate() {
+                let exact = project(&rig.cameras[view], truth.point(at.unwrap())).unwrap();
                 let noise = DVec2::new(
                     (((view * 8 + marker) * 37) % 11) as f64 - 5.0,
                     ((view * 31 + marker * 17) % 11) as f64 - 5.0,
