@@ -17,6 +17,7 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failed> {
     let capture = take.join("capture");
     synth::make(&SynthSpec::demo(Style::Straight), &capture)?;
     new::new(&NewArgs { take: take.clone(), capture: capture.clone() })?;
+    ask_for_fewer_strands(&take.join("strandflow.toml"))?;
     run::run(&RunArgs {
         take: take.clone(),
         from: None,
@@ -65,6 +66,15 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failed> {
     ] {
         eprintln!("{what:<22}{}", path.display());
     }
+    Ok(())
+}
+
+/// Strands of the demo: a quarter of the default, so that it takes a minute or two on two cores.
+const DEMO_STRANDS: usize = 2000;
+
+fn ask_for_fewer_strands(manifest: &Path) -> Result<(), Failed> {
+    let text = std::fs::read_to_string(manifest)?;
+    std::fs::write(manifest, format!("{text}\n[settings.scalp]\nroot_count = {DEMO_STRANDS}\n"))?;
     Ok(())
 }
 
