@@ -195,19 +195,20 @@ mod tests {
                 _ => Constraint::default(),
             })
             .collect();
-        let solver = Solver { levels: 3, sweeps: 20, relaxation: 1.6, leak: 0.0 };
+        let solver = Solver { levels: 3, sweeps: 60, relaxation: 1.6, leak: 0.0 };
         for (&index, found) in indices.iter().zip(diffuse(&grid, &indices, &constraints, &solver)) {
             let s = grid.coordinates(index as usize)[0] as f32 / 16.0;
             let expected = a * (1.0 - s) + b * s;
             for k in 0..6 {
-                assert!((found.0[k] - expected.0[k]).abs() < 0.01, "{s} {k} {} {}", found.0[k], expected.0[k]);
+                assert!((found.0[k] - expected.0[k]).abs() < 0.005, "{s} {k} {} {}", found.0[k], expected.0[k]);
             }
         }
     }
 
     #[test]
     fn what_reaches_a_voxel_falls_off_over_the_given_length() {
-        let (grid, indices) = slab([64, 2, 2]);
+        // Wide enough to have coarser levels.
+        let (grid, indices) = slab([64, 8, 8]);
         let constraints: Vec<Constraint> = indices
             .iter()
             .map(|&i| if grid.coordinates(i as usize)[0] == 0 { (1.0, 1e6) } else { (0.0, 0.0) })
