@@ -1,5 +1,9 @@
 //! The hull on captures with truth: it holds the hair, is tight, and fails with the view to blame.
-#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests: they fail by unwrap and say what was skipped or measured")]
+#![expect(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "helpers of tests: they fail by unwrap and say what was skipped or measured"
+)]
 
 mod captures;
 

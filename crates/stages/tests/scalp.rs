@@ -1,5 +1,9 @@
 //! The scalp on captures with truth: near the true head under the hair, roots where hair grows.
-#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests: they fail by unwrap and say what was skipped or measured")]
+#![expect(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "helpers of tests: they fail by unwrap and say what was skipped or measured"
+)]
 
 mod captures;
 

@@ -205,7 +205,8 @@ mod tests {
         let (_dir, path, _) = written();
         let script = "import sys, numpy as np\nz = np.load(sys.argv[1])\n\
             print([(k, str(z[k].dtype), z[k].shape) for k in sorted(z)], int(z['valid'].sum()), float(np.nansum(z['points'])))";
-        let Ok(out) = std::process::Command::new(crate::strands::python()).args(["-c", script]).arg(&path).output() else {
+        let Ok(out) = std::process::Command::new(crate::strands::python()).args(["-c", script]).arg(&path).output()
+        else {
             println!("skipped: no Python 3");
             return;
         };

@@ -43,7 +43,8 @@ fn the_reference_library_reads_both_forms() {
     for name in ["a.usda", "a.usdc", "a.usd"] {
         let path = dir.path().join(name);
         write_usd(&path, &sample(), &options).unwrap();
-        let Ok(out) = std::process::Command::new(crate::strands::python()).args(["-c", SCRIPT]).arg(&path).output() else {
+        let Ok(out) = std::process::Command::new(crate::strands::python()).args(["-c", SCRIPT]).arg(&path).output()
+        else {
             println!("skipped: no Python 3");
             return;
         };

@@ -1,5 +1,9 @@
 //! Reads captures with truth (masks, strands, head) where they are present on this machine.
-#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests: they fail by unwrap and say what was skipped or measured")]
+#![expect(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "helpers of tests: they fail by unwrap and say what was skipped or measured"
+)]
 #![allow(dead_code)]
 
 use std::{fs, path::PathBuf};
