@@ -6,11 +6,13 @@ pub mod warp;
 pub mod altitude;
 pub mod band;
 pub mod derivative;
+pub mod exact;
 pub mod kernels;
 pub mod lanes;
 #[cfg(target_arch = "x86_64")]
 pub mod lanes_x86;
 pub mod lbfgs;
+pub mod lu;
 pub mod params;
 pub mod refine;
 pub mod rest;

@@ -18,6 +18,7 @@ use glam::DVec3;
 
 use crate::{
     band,
+    exact::{self, ExactWorkspace},
     lanes::V3,
     params::{LaneParams, Params},
     rest::{LaneRest, RestShape},
@@ -90,20 +91,28 @@ pub struct Workspace {
     v: Vec<V3<f64>>,
     q: Vec<V3<f64>>,
     a: Vec<band::BlockRow<f64>>,
+    exact: ExactWorkspace,
 }
 
 impl Workspace {
     /// Scratch for this model.
     pub fn new(model: &Model) -> Self {
         let n = model.particle_count();
-        Self { x: vec![[0.0; 3]; n], v: vec![[0.0; 3]; n], q: vec![[0.0; 3]; n], a: vec![band::zero_row(); n] }
+        Self {
+            x: vec![[0.0; 3]; n],
+            v: vec![[0.0; 3]; n],
+            q: vec![[0.0; 3]; n],
+            a: vec![band::zero_row(); n],
+            exact: ExactWorkspace::default(),
+        }
     }
 }
 
 /// Advances the state by one implicit Euler step of `dt` seconds (eq. 3). The model's kinematic particles go to
 /// `targets` \[mm\] (at least `model.kinematic` entries); their velocity becomes the path's.
 ///
-/// Positions stay finite for finite input: the clamped system is positive definite for any state.
+/// Positions stay finite for finite input: the clamped and the rank-1 system are positive definite for any state. The
+/// exact one is not, and may throw a noisy strand far away.
 /// Reference: Zhang, Wu, Zhang et al. 2012, eq. 3.
 pub fn step(
     model: &Model,
@@ -114,7 +123,7 @@ pub fn step(
     targets: &[DVec3],
     forces: &Forces,
 ) {
-    let Workspace { x, v, q, a } = workspace;
+    let Workspace { x, v, q, a, exact: scratch } = workspace;
     let (n, fixed) = (model.particle_count(), model.kinematic);
     for i in 0..n {
         (x[i], v[i]) = (state.x[i].to_array(), state.v[i].to_array());
@@ -125,7 +134,12 @@ pub fn step(
         transverse: model.jacobian.transverse(),
         kinematic: fixed,
     };
-    system::assemble(&model.lanes, &LaneParams::splat(params), &constants, (x, v), a, q);
+    let params = LaneParams::splat(params);
+    if model.jacobian == Jacobian::Exact {
+        q.fill([0.0; 3]);
+    } else {
+        system::assemble(&model.lanes, &params, &constants, (x, v), a, q);
+    }
     for (b, extra) in q.iter_mut().zip(forces.acceleration) {
         *b = (DVec3::from_array(*b) + dt * *extra).to_array();
     }
@@ -133,9 +147,13 @@ pub fn step(
     for i in 0..fixed {
         q[i] = ((targets[i] - state.x[i]) / dt).to_array();
     }
-    system::condense(a, fixed, q);
-    band::factor(a, fixed);
-    band::solve(a, fixed, q);
+    if model.jacobian == Jacobian::Exact {
+        exact::solve_exact(&model.lanes, &params, &constants, (x, v), scratch, q);
+    } else {
+        system::condense(a, fixed, q);
+        band::factor(a, fixed);
+        band::solve(a, fixed, q);
+    }
     for i in 0..n {
         state.v[i] = DVec3::from_array(q[i]);
         state.x[i] = if i < fixed { targets[i] } else { state.x[i] + dt * state.v[i] };

@@ -26,10 +26,12 @@ pub enum Jacobian {
     Clamped,
     /// Stretch only.
     Rank1,
+    /// The true derivative, see [`crate::exact`]: for scalar steps only, without an adjoint, and not for noisy states.
+    Exact,
 }
 
 impl Jacobian {
-    /// Factor of the transverse part.
+    /// Factor of the transverse part in [`assemble`].
     #[inline(always)]
     pub(crate) fn transverse<R: Lanes>(self) -> R {
         R::splat(if self == Self::Clamped { 1.0 } else { 0.0 })
@@ -122,9 +124,9 @@ fn pair<R: Lanes>(
 
 /// Unit vector from a to b, its length and the reciprocal. Coincident points give a zero vector.
 #[inline(always)]
-fn direction<R: Lanes>(a: V3<R>, b: V3<R>) -> (V3<R>, R, R) {
+pub(crate) fn direction<R: Lanes>(a: V3<R>, b: V3<R>) -> (V3<R>, R, R) {
     let d = sub(b, a);
-    let length = (dot(d, d) + R::splat(1e-12)).sqrt();
+    let length = (dot(d, d) + R::splat(1e-13)).sqrt();
     let inverse = R::splat(1.0) / length;
     (scale(inverse, d), length, inverse)
 }

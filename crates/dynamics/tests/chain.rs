@@ -1,7 +1,7 @@
 //! The robust chain on synthetic truth with noise dials. Thresholds leave a tenth above what was measured.
 
 use strandflow_dynamics::{
-    GRAVITY, Model, Params, RestShape, State, Workspace,
+    Forces, GRAVITY, Jacobian, Model, Params, RestShape, State, Workspace,
     derivative::check_derivative,
     kernels::Kernels,
     lanes::V3,
@@ -135,14 +135,27 @@ fn anything_in_gives_finite_strands_out() {
 }
 
 #[test]
-fn exactly_straight_strands_stay_finite() {
+fn exactly_straight_strands_factor_in_every_mode() {
     let rest = Shape::Straight.points(30);
-    let model = Model::new(RestShape::from_positions(&rest, 5.0), 3);
-    let (mut state, mut workspace) = (State::at_rest(&rest), Workspace::new(&model));
-    for _ in 0..100 {
-        step(&model, &Params::default(), &mut state, &mut workspace, 2e-3, &rest[..3], &Default::default());
+    for jacobian in [Jacobian::Clamped, Jacobian::Rank1, Jacobian::Exact] {
+        let mut model = Model::new(RestShape::from_positions(&rest, 5.0), 3);
+        model.jacobian = jacobian;
+        // Along its own line, where every tetrahedron is flat, and hanging away from it.
+        for along in [true, false] {
+            let (mut state, mut workspace) = (State::at_rest(&rest), Workspace::new(&model));
+            let line = (rest[29] - rest[0]).normalize();
+            let gravity = if along { 9806.65 * line } else { GRAVITY };
+            let forces = Forces { gravity, ..Default::default() };
+            for _ in 0..100 {
+                step(&model, &Params::default(), &mut state, &mut workspace, 2e-3, &rest[..3], &forces);
+            }
+            assert!(state.x.iter().chain(&state.v).all(|p| p.is_finite()), "{jacobian:?}");
+            let length: f64 = state.x.windows(2).map(|e| e[0].distance(e[1])).sum();
+            assert!((length - 145.0).abs() < 3.0, "{jacobian:?} {along}: {length} of 145 mm");
+            let aside = state.x.iter().map(|p| (*p - rest[0]).cross(line).length()).fold(0.0, f64::max);
+            assert!(!along || aside < 1e-6, "{jacobian:?}: {aside} mm off the line");
+        }
     }
-    assert!(state.x.iter().chain(&state.v).all(|p| p.is_finite()));
 }
 
 #[test]

@@ -4,7 +4,9 @@ use glam::DVec3;
 use serde_json::Value;
 use strandflow_dynamics::{
     Forces, Jacobian, Model, Params, RestShape, State, Workspace, band,
+    exact::{self, HALF_WIDTH},
     lanes::{V3, zero3},
+    lu::BandMatrix,
     params::LaneParams,
     rest::LaneRest,
     step,
@@ -90,9 +92,53 @@ fn stiffness_damping_and_forces_agree() {
 }
 
 #[test]
+fn exact_stiffness_agrees() {
+    for case in load("springs") {
+        let (x, v) = (arrays(&case["x"]), arrays(&case["v"]));
+        let lanes = LaneRest::new(&[&rest(&case["rest"])]);
+        let n = 3 * x.len();
+        let mut k = BandMatrix::zeros(n, HALF_WIDTH);
+        exact::stiffness(&lanes, &LaneParams::splat(&params(&case["p"])), (&x, &v), &mut k);
+        let entry = |i: usize, j: usize| if i.abs_diff(j) <= HALF_WIDTH { k[(i, j)] } else { 0.0 };
+        let full: Vec<f64> = (0..n * n).map(|e| entry(e / n, e % n)).collect();
+        close(&full, &numbers(&case["K_exact"]), 1e-11, "K_exact");
+    }
+}
+
+/// The reduced systems A Δv = b: kinematic rows are those of the identity, and b knows what the kinematic particles do.
+#[test]
+fn reduced_systems_agree() {
+    for case in load("step") {
+        for (jacobian, name) in &JACOBIANS[..2] {
+            let (dt, fixed) = (number(&case["dt"]), 3 * number(&case["nc"]) as usize);
+            let (mut a, q) = dense(&case, *jacobian, dt, &LaneParams::splat(&params(&case["p"])));
+            let (x, v, target) = (numbers(&case["x"]), numbers(&case["v"]), numbers(&case["xc_next"]));
+            let n = x.len();
+            let known: Vec<f64> = (0..fixed).map(|r| (target[r] - x[r]) / dt - v[r]).collect();
+            let mut b: Vec<f64> = q.concat();
+            for r in 0..n {
+                b[r] -= (0..n).map(|c| a[r * n + c] * v[c]).sum::<f64>();
+                b[r] -= (0..fixed).map(|c| a[r * n + c] * known[c]).sum::<f64>();
+            }
+            b[..fixed].copy_from_slice(&known);
+            for e in 0..n * n {
+                if e / n < fixed || e % n < fixed {
+                    a[e] = if e / n == e % n { 1.0 } else { 0.0 };
+                }
+            }
+            close(&a, &numbers(&case[format!("A_{name}")]), 1e-11, "A");
+            close(&b, &numbers(&case[format!("b_{name}")]), 1e-11, "b");
+        }
+    }
+}
+
+const JACOBIANS: [(Jacobian, &str); 3] =
+    [(Jacobian::Clamped, "clamped"), (Jacobian::Rank1, "rank1"), (Jacobian::Exact, "exact")];
+
+#[test]
 fn steps_agree() {
     for case in load("step") {
-        for (jacobian, name) in [(Jacobian::Clamped, "clamped"), (Jacobian::Rank1, "rank1")] {
+        for (jacobian, name) in JACOBIANS {
             let mut model = Model::new(rest(&case["rest"]), number(&case["nc"]) as usize);
             model.jacobian = jacobian;
             let mut state = State { x: points(&case["x"]), v: points(&case["v"]) };
