@@ -95,6 +95,7 @@ fn tetrahedron(
         let mut unit = [zero3(); 4];
         unit[row / 3][row % 3] = 1.0;
         let e = altitude_adjoint(four(x), unit, four(v), &rest.altitudes[i], rest.epsilon2, k, c, 0.0).by_edges;
+        #[expect(clippy::needless_range_loop, reason = "one index through several arrays reads as the formula")]
         for axis in 0..3 {
             let at = |corner: usize| (3 * i + row, 3 * (i + corner) + axis);
             m[at(0)] -= e[0][axis] + e[1][axis] + e[2][axis];

@@ -121,9 +121,9 @@ fn reduced_systems_agree() {
                 b[r] -= (0..fixed).map(|c| a[r * n + c] * known[c]).sum::<f64>();
             }
             b[..fixed].copy_from_slice(&known);
-            for e in 0..n * n {
+            for (e, a) in a.iter_mut().enumerate() {
                 if e / n < fixed || e % n < fixed {
-                    a[e] = if e / n == e % n { 1.0 } else { 0.0 };
+                    *a = if e / n == e % n { 1.0 } else { 0.0 };
                 }
             }
             close(&a, &numbers(&case[format!("A_{name}")]), 1e-11, "A");
