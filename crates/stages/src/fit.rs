@@ -156,7 +156,9 @@ pub fn fit(input: &FitInput, mode: Mode, settings: &FitSettings, report: &mut Re
         out.parameters.push(params.to_array().map(|p| p as f32));
         out.windows.push(strand.as_ref().map_or([0; 3], |s| s.windows.map(|w| w.min(u16::MAX.into()) as u16)));
         failed += out.windows[n][2] as usize;
-        let believed = strand.as_ref().filter(|s| mode == Mode::Paper || is_believable(s, usize::from(input.sequence.counts[n]), settings));
+        let believed = strand
+            .as_ref()
+            .filter(|s| mode == Mode::Paper || is_believable(s, usize::from(input.sequence.counts[n]), settings));
         out.residual_mm.push(match believed {
             Some(strand) => write_back(input.sequence, &mut out.sequence, n, strand),
             None => 0.0,
@@ -172,7 +174,11 @@ pub fn fit(input: &FitInput, mode: Mode, settings: &FitSettings, report: &mut Re
             "{empty} strands without a usable point, {given_up} strands that no simulation explains, {failed} windows failed"
         );
         let place = Place { strand: Some(input.first_strand), ..Place::default() };
-        report.warn(place, fact, "those strands are left to stage blend to complete; failed windows keep the cleaned positions");
+        report.warn(
+            place,
+            fact,
+            "those strands are left to stage blend to complete; failed windows keep the cleaned positions",
+        );
     }
     Ok(out)
 }

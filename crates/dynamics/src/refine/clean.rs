@@ -73,8 +73,8 @@ fn fill<R: Kernels>(
         let Some(p) = lanes.get(lane).or(lanes.first()) else { continue };
         let shape = |t: usize, i: usize| take.world_from_head[t].point(p.median[i]);
         bundle.put(&mut x, lane, |i| shape(0, i));
-        for i in 0..p.n {
-            set(&mut v[i], lane, (shape(1.min(frames - 1), i) - shape(0, i)) / take.frame_secs);
+        for (i, v) in v.iter_mut().enumerate().take(p.n) {
+            set(v, lane, (shape(1.min(frames - 1), i) - shape(0, i)) / take.frame_secs);
         }
     }
     bundle.relax(0, &mut x, &mut scratch, workspace);
@@ -98,6 +98,7 @@ fn fill<R: Kernels>(
         }
         let before = x.clone();
         for (lane, p) in lanes.iter().enumerate() {
+            #[expect(clippy::needless_range_loop, reason = "one index through several arrays reads as the formula")]
             for i in fixed..p.n {
                 let (e, now) = (t * p.n + i, bundle.get(&x[i], lane));
                 if p.weights[e] > 0.0 {

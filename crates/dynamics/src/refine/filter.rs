@@ -124,7 +124,7 @@ fn quadratic_at_zero(samples: impl Iterator<Item = (f64, f64, DVec3)>) -> Option
     // First row of the inverse of the 3×3 moment matrix.
     let (c0, c1, c2) = (m[2] * m[4] - m[3] * m[3], m[2] * m[3] - m[1] * m[4], m[1] * m[3] - m[2] * m[2]);
     let determinant = m[0] * c0 + m[1] * c1 + m[2] * c2;
-    if !(determinant > 1e-9 * m[0] * m[0] * m[0]) {
+    if determinant.is_nan() || determinant <= 1e-9 * m[0] * m[0] * m[0] {
         return (m[0] > 0.0).then(|| (b[0] / m[0], 1.0 / m[0]));
     }
     Some(((c0 * b[0] + c1 * b[1] + c2 * b[2]) / determinant, c0 / determinant))
@@ -155,10 +155,10 @@ mod tests {
 
     #[test]
     fn quadratics_pass_unchanged_with_missing_samples() {
-        let values: Vec<DVec3> = (0..30).map(|t| f64::from(t)).map(|t| DVec3::new(t * t, 3.0 - t, 1.0)).collect();
+        let values: Vec<DVec3> = (0..30).map(f64::from).map(|t| DVec3::new(t * t, 3.0 - t, 1.0)).collect();
         let mut weights = vec![1.0; 30];
         (weights[7], weights[0]) = (0.0, 0.2);
-        let out = smooth(&values, &weights, &vec![true; 30], 1);
+        let out = smooth(&values, &weights, &[true; 30], 1);
         for (a, b) in out.iter().zip(&values) {
             assert!(a.distance(*b) < 1e-9);
         }

@@ -177,8 +177,8 @@ fn pass_over<R: Kernels>(
             for i in 0..n {
                 let mut point = simulated[i];
                 // A lane that failed keeps its start state.
-                for lane in 0..states.len() {
-                    if failed[lane] {
+                for (lane, failed) in failed.iter().enumerate().take(states.len()) {
+                    if *failed {
                         let kept = bundle.get(&x[t * n + i], lane) - bundle.origins[lane];
                         set(&mut point, lane, kept);
                     }
@@ -243,6 +243,7 @@ impl<R: Kernels> Window<R> {
         let per_frame = R::splat(1.0 / take.frame_secs);
         let (half, two, three) = (R::splat(0.5), R::splat(2.0), R::splat(1.5));
         for i in 0..n {
+            #[expect(clippy::needless_range_loop, reason = "one index through several arrays reads as the formula")]
             for axis in 0..3 {
                 let at = |t: usize| x[t * n + i][axis];
                 let difference = if options.letter || bundle.frames < 3 {
@@ -366,8 +367,8 @@ impl<R: Kernels> Window<R> {
         let theta = [x[0], x[1], x[2], x[3], x[4], x[5]];
         params.set(lane, &Params::from_log(&theta));
         for (i, dv) in (bundle.fixed..).zip(x[6..].chunks_exact(3)) {
-            for axis in 0..3 {
-                let v = self.start_v[i][axis].get(lane) + VELOCITY_UNIT * dv[axis];
+            for (axis, change) in dv.iter().enumerate() {
+                let v = self.start_v[i][axis].get(lane) + VELOCITY_UNIT * change;
                 self.v0[i][axis].set(lane, v);
             }
         }
@@ -400,9 +401,9 @@ fn objective<R: Kernels>(
     gradient.extend(Params::from_log(&theta).log_gradient(&by_params));
     let mut value = w.value.get(lane);
     for (i, dv) in (bundle.fixed..).zip(x[6..].chunks_exact(3)) {
-        for axis in 0..3 {
-            value += options.velocity_prior * dv[axis] * dv[axis];
-            gradient.push(VELOCITY_UNIT * w.by_v0[i][axis].get(lane) + 2.0 * options.velocity_prior * dv[axis]);
+        for (axis, change) in dv.iter().enumerate() {
+            value += options.velocity_prior * change * change;
+            gradient.push(VELOCITY_UNIT * w.by_v0[i][axis].get(lane) + 2.0 * options.velocity_prior * change);
         }
     }
     value
