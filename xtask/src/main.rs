@@ -1,4 +1,4 @@
-//! Set-up, checks and tests of the workspace: `cargo xtask setup | test | ci`.
+//! Set-up, checks and tests of the workspace: `cargo xtask setup | test`.
 
 use std::{
     path::{Path, PathBuf},
@@ -7,16 +7,14 @@ use std::{
 
 const USAGE: &str =
     "cargo xtask setup    install what the tests use beyond Rust: ffmpeg, and foreign readers in target/python
-cargo xtask test     setup, then all tests; what could not be installed is skipped and said so
-cargo xtask ci       everything the gate runs: format, lints, docs, tests, demo; nothing may be skipped";
+cargo xtask test     setup, then all tests; what could not be installed is skipped and said so";
 
 fn main() -> ExitCode {
     let task = std::env::args().nth(1).unwrap_or_default();
-    let strict = std::env::var_os("CI").is_some() || task == "ci";
+    let strict = std::env::var_os("CI").is_some();
     let done = match task.as_str() {
         "setup" => setup(strict),
         "test" => setup(strict).and_then(|()| test()),
-        "ci" => ci(),
         _ => Err(format!("no such task: `{task}`\n{USAGE}")),
     };
     match done {
@@ -70,15 +68,6 @@ fn python() -> PathBuf {
 
 fn test() -> Result<(), String> {
     run(cargo().args(["test", "--workspace", "--no-fail-fast"]))
-}
-
-fn ci() -> Result<(), String> {
-    run(cargo().args(["fmt", "--all", "--check"]))?;
-    setup(true)?;
-    run(cargo().args(["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"]))?;
-    run(cargo().args(["doc", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"))?;
-    run(cargo().args(["run", "--", "demo", "--out"]).arg(root().join("target/demo")).arg("--force"))?;
-    test()
 }
 
 fn cargo() -> Command {

@@ -140,7 +140,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "grow",
         summary: "strands from the roots",
-        version: 1,
+        version: 2,
         has_modes: true,
         settings: settings_of!(grow),
         phases: &[phase!("grow/grow", Frame, Frames, rooms::grow)],

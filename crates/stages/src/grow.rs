@@ -307,10 +307,15 @@ impl Grower<'_> {
             let stays = self.field.contains(head.at + lifted * step);
             return Some(if stays { lifted } else { midpoint.direction });
         }
+        // The paper ends a strand at its greatest length and at the volume's border, nowhere else; its second step turns
+        // from the normal into the field by any angle.
+        if self.mode == Mode::Paper {
+            return Some(midpoint.direction);
+        }
         (midpoint.purity >= self.settings.min_purity).then_some(())?;
         let turn = midpoint.direction.dot(head.direction);
         (head.slid || turn >= self.settings.max_turn_deg.to_radians().cos()).then_some(())?;
-        let inertia = if self.mode == Mode::Robust { self.settings.inertia } else { 0.0 };
+        let inertia = self.settings.inertia;
         Some((midpoint.direction * (1.0 - inertia) + head.direction * inertia).normalize_or(head.direction))
     }
 
