@@ -9,7 +9,7 @@ use glam::DVec3;
 /// Indices, rising, of the `count` candidates that are spread most evenly; all where there are not more.
 ///
 /// `area_mm2` is the area of the surface the candidates were drawn from; three or more candidates for each one kept give
-/// a nearest-neighbour distance of about 0.75 of the densest packing's.
+/// a nearest-neighbour distance of at least half the densest packing's.
 pub fn thin_out(candidates: &[DVec3], count: usize, area_mm2: f64) -> Vec<usize> {
     if candidates.len() <= count || count == 0 {
         return (0..candidates.len().min(count)).collect();

@@ -5,7 +5,7 @@
 //! problem and relaxes it by successive over-relaxation; images are warped at every stage.
 //!
 //! Reference: Black & Anandan 1996. Deviation: ρ is minimised by reweighting instead of by SOR on ρ itself; the same
-//! minima, and the sweeps are free of divisions by ρ (about 4 times faster).
+//! minima, and the sweeps are free of divisions by ρ.
 
 use strandflow_core::Plane;
 
