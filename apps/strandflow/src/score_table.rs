@@ -1,6 +1,9 @@
 //! The scores as text.
 
-use strandflow_eval::{Table, volume::LineScores};
+use strandflow_eval::{
+    Table,
+    volume::{LineScores, MotionScores},
+};
 
 use crate::scores::Scores;
 
@@ -16,7 +19,7 @@ impl Scores {
         let mut row = |stage: &str, figure: &str, worst: f64, mean: f64| {
             table.row(stage, [figure.to_owned(), format!("{worst:.3}"), format!("{mean:.3}")]);
         };
-        let mut any = false;
+        let mut any = !self.motion.is_empty();
         for (name, masks) in [("subject-mask IoU", &self.subject), ("hair-mask IoU", &self.hair)] {
             if let Some(masks) = masks {
                 row("masks", name, masks.min, masks.mean);
@@ -59,6 +62,17 @@ impl Scores {
                 row(stage, "angular error, degrees", most(&of(|l| l.degrees.mean)), mean(&of(|l| l.degrees.mean)));
                 any = true;
             }
+        }
+        if !self.motion.is_empty() {
+            let of = |f: fn(&MotionScores) -> f64| -> Vec<f64> { self.motion.iter().map(|(_, m)| f(m)).collect() };
+            row("field", "motion error, mm a frame", most(&of(|m| m.error_mm.mean)), mean(&of(|m| m.error_mm.mean)));
+            row(
+                "field",
+                "motion beside the head's, mm a frame",
+                most(&of(|m| m.beside_head_mm)),
+                mean(&of(|m| m.beside_head_mm)),
+            );
+            row("field", "share of it not explained (rms)", most(&of(|m| m.unexplained)), mean(&of(|m| m.unexplained)));
         }
         any.then_some(table)
     }

@@ -13,7 +13,7 @@ use strandflow_eval::{
     images::{MaskScores, OrientationScores, evaluate_orientation, mask_iou, mask_scores},
     raster::StrandView,
     statistics::evenly,
-    volume::{HullScores, LineScores, evaluate_hull, evaluate_lines},
+    volume::{HullScores, LineScores, MotionScores, evaluate_hull, evaluate_lines, evaluate_motion},
 };
 use strandflow_geometry::polyline;
 
@@ -43,6 +43,8 @@ pub struct Scores {
     pub lift: Vec<(usize, LineScores)>,
     /// Dense field, per frame.
     pub field: Vec<(usize, LineScores)>,
+    /// Motion since the frame before, per frame.
+    pub motion: Vec<(usize, MotionScores)>,
     /// Strands as shapes, per stage.
     pub strands: Vec<(String, StrandScores)>,
     /// Strands in motion, per stage.
@@ -104,6 +106,13 @@ pub fn score_take(
         {
             let directions: Vec<_> = field.values.iter().map(|voxel| voxel.direction).collect();
             scores.field.push((frame, evaluate_lines(&field.grid, &field.indices, &directions, truth, t)));
+        }
+        if wanted("field")
+            && t > 0
+            && frame > plan.lead.start
+            && let Ok(motion) = take.read_motion(frame)
+        {
+            scores.motion.push((frame, evaluate_motion(&motion, truth, t - 1, t)));
         }
     }
     for stage in ["grow", "prune"] {

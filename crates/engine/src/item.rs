@@ -25,6 +25,8 @@ pub enum Kind {
     Take,
     /// One a frame, independent.
     Frame,
+    /// One a frame; each needs the frame before it.
+    FrameChained,
     /// One a view and frame, independent.
     ViewFrame,
     /// One a view and frame; each needs the frame before it in the same view.
@@ -38,6 +40,7 @@ impl fmt::Display for Kind {
         f.write_str(match self {
             Self::Take => "take",
             Self::Frame => "frame",
+            Self::FrameChained => "frame, in order",
             Self::ViewFrame => "view × frame",
             Self::ViewFrameChained => "view × frame, in order",
             Self::Block => "strand block",

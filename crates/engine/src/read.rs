@@ -149,6 +149,14 @@ impl Take {
         Ok(SparseVoxels { grid: self.read_grid()?, values: (0..indices.len()).map(voxel).collect(), indices })
     }
 
+    /// The displacement of the hair since the frame before \[mm\].
+    pub fn read_motion(&self, frame: usize) -> Result<SparseVoxels<Vec3>, EngineError> {
+        let indices: Vec<u32> = self.ragged(&format!("field/{frame:06}/voxel"))?;
+        let motion: Vec<f32> = self.ragged(&format!("field/{frame:06}/motion"))?;
+        let values = motion.chunks_exact(3).map(Vec3::from_slice).collect();
+        Ok(SparseVoxels { grid: self.read_grid()?, values, indices })
+    }
+
     /// The velocity field of a frame \[mm/s\].
     pub fn read_flow(&self, frame: usize) -> Result<SparseVoxels<Vec3>, EngineError> {
         let indices: Vec<u32> = self.ragged(&format!("flow/{frame:06}/voxel"))?;

@@ -135,15 +135,18 @@ pub static STAGES: [Stage; 13] = [
         version: 1,
         has_modes: true,
         settings: settings_of!(field),
-        phases: &[phase!("field/field", Frame, Frames, rooms::field)],
+        phases: &[
+            phase!("field/field", Frame, Frames, rooms::field),
+            phase!("field/motion", Frame, Frames, rooms::field::motion),
+        ],
     },
     Stage {
         name: "grow",
         summary: "strands from the roots",
-        version: 2,
+        version: 3,
         has_modes: true,
         settings: settings_of!(grow),
-        phases: &[phase!("grow/grow", Frame, Frames, rooms::grow)],
+        phases: &[phase!("grow/grow", FrameChained, Frames, rooms::grow)],
     },
     Stage {
         name: "prune",
@@ -247,6 +250,7 @@ impl Phase {
         Ok(match self.kind {
             Kind::Take => vec![vec![Item::Take]],
             Kind::Frame => frames.map(|t| vec![Item::Frame(t)]).collect(),
+            Kind::FrameChained => vec![frames.map(Item::Frame).collect()],
             Kind::ViewFrame => views.flat_map(|v| frames.clone().map(move |t| vec![Item::ViewFrame(v, t)])).collect(),
             Kind::ViewFrameChained => views.map(|v| frames.clone().map(|t| Item::ViewFrame(v, t)).collect()).collect(),
             Kind::Block => (0..job.take.block_count()?).map(|b| vec![Item::Block(b)]).collect(),

@@ -3,11 +3,11 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use strandflow_core::{Grid, Mask, Occupancy, Rig};
+use strandflow_core::{Grid, Mask, Occupancy, Rig, SparseVoxels};
 use strandflow_geometry::project::project;
 
 use crate::index::{SampleIndex, sample_polyline, undirected_cosine};
-use crate::statistics::{Summary, share};
+use crate::statistics::{Summary, root_mean_square, share};
 use crate::truth::Truth;
 
 /// How a hull holds what it should.
@@ -115,6 +115,50 @@ pub fn evaluate_lines(grid: &Grid, indices: &[u32], directions: &[Vec3], truth: 
         ratio: share(indices.len(), hair_voxels),
         on_hair: share(angles.len(), indices.len()),
         degrees: Summary::of(angles),
+    }
+}
+
+/// How well the measured motion between two frames is that of the hair.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct MotionScores {
+    /// Displacement error at true hair points that have a voxel \[mm\].
+    pub error_mm: Summary,
+    /// Root mean square true displacement there \[mm\].
+    pub moved_mm: f64,
+    /// Root mean square true displacement beside the head's \[mm\].
+    pub beside_head_mm: f64,
+    /// Root mean square error over that: 1 is as good as knowing the head's motion alone.
+    pub unexplained: f64,
+}
+
+/// Scores displacements since the frame before, on voxels of `grid`, at true hair points every 4 mm of the stable strands.
+pub fn evaluate_motion(motion: &SparseVoxels<Vec3>, truth: &Truth, before: usize, t: usize) -> MotionScores {
+    let pose = |t: usize| truth.world_from_head.get(truth.frames[t] as usize).copied().unwrap_or_default();
+    let rigid = pose(t).after(&pose(before).inverse());
+    let (mut errors, mut moved, mut beside) = (Vec::new(), Vec::new(), Vec::new());
+    for n in (0..truth.strand_count()).filter(|n| truth.stable[*n]) {
+        let pairs = truth.strand(before, n).windows(2).zip(truth.strand(t, n).windows(2));
+        for (from, to) in pairs {
+            let pieces = (to[0].distance(to[1]) / 4.0).ceil().max(1.0) as usize;
+            for k in 0..pieces {
+                let s = (k as f32 + 0.5) / pieces as f32;
+                let (from, to) = (from[0].lerp(from[1], s), to[0].lerp(to[1], s));
+                let Some(voxel) = motion.grid.voxel_at(to.as_dvec3()) else { continue };
+                let Some(found) = motion.get(motion.grid.index(voxel)) else { continue };
+                errors.push(f64::from((*found - (to - from)).length()));
+                moved.push(f64::from((to - from).length()));
+                beside.push(f64::from(to.distance(rigid.point(from.as_dvec3()).as_vec3())));
+            }
+        }
+    }
+    let rms = root_mean_square(errors.iter().copied());
+    let beside_head_mm = root_mean_square(beside.iter().copied());
+    let unexplained = if beside_head_mm > 0.0 { rms / beside_head_mm } else { 0.0 };
+    MotionScores {
+        error_mm: Summary::of(errors),
+        moved_mm: root_mean_square(moved.iter().copied()),
+        beside_head_mm,
+        unexplained,
     }
 }
 

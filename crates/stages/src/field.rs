@@ -23,6 +23,8 @@ use strandflow_volume::{
 
 use crate::{Mode, SettingViolation, StageError, lift::Line};
 
+pub mod motion;
+
 /// The line at a voxel of the hair volume.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FieldVoxel {
@@ -66,6 +68,8 @@ pub struct FieldSettings {
     pub line_weight: f32,
     /// Length over which evidence fades \[mm\].
     pub fade_mm: f64,
+    /// Length over which motion seen in the images fades into that of the head \[mm\].
+    pub motion_fade_mm: f64,
     /// Patches without hair smaller than this do not open the hair volume: markers and holes in masks \[mm²\].
     pub bare_patch_mm2: f64,
     /// Layers of voxels taken off the hull, robust mode. The hull holds all hair by construction and is larger than it
@@ -84,6 +88,7 @@ impl Default for FieldSettings {
             sweeps: 8,
             line_weight: 2.0,
             fade_mm: 30.0,
+            motion_fade_mm: 100.0,
             bare_patch_mm2: 300.0,
             shell_voxels: 2,
             bare_depth_mm: 10.0,
@@ -112,6 +117,8 @@ impl FieldSettings {
             "2..=10000",
             "of the order of a head",
         );
+        let fade = self.motion_fade_mm;
+        unless((2.0..=1e4).contains(&fade), "field.motion_fade_mm", fade, "2..=10000", "of the order of a head");
         unless((0.0..=1e5).contains(&patch), "field.bare_patch_mm2", patch, "0..=100000", "an area on the head");
         let shell = self.shell_voxels as f64;
         unless(shell <= 20.0, "field.shell_voxels", shell, "0..=20", "more leaves nothing of thin hair");
@@ -148,12 +155,9 @@ pub fn field(
     };
     let observed: Vec<Option<&Line>> = indices.par_iter().map(|&index| input.lines.get(index as usize)).collect();
     let constraint = |line: &Option<&Line>| {
-        line.map_or(Constraint::default(), |line| Constraint {
-            tensor: Tensor::of_line(line.direction),
-            weight: weight(line),
-        })
+        line.map_or(Constraint::default(), |line| Constraint::on(Tensor::of_line(line.direction), weight(line)))
     };
-    let constraints: Vec<Constraint> = observed.iter().map(constraint).collect();
+    let constraints: Vec<Constraint<Tensor>> = observed.iter().map(constraint).collect();
     let tensors = diffuse(&grid, &indices, &constraints, &solver(mode, settings, grid.voxel_mm));
     let values = tensors.par_iter().zip(&observed).map(|(tensor, line)| voxel(tensor, line.is_some())).collect();
     Ok(SparseVoxels { grid, indices, values })

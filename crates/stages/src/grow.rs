@@ -8,7 +8,10 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Place, Provenance, Report, RigidTransform, SparseVoxels, Strands};
-use strandflow_volume::{tensor::Tensor, velocity::VoxelIndex};
+use strandflow_volume::{
+    tensor::Tensor,
+    velocity::{VelocitySampler, VoxelIndex},
+};
 
 use crate::{Mode, SettingViolation, StageError, field::FieldVoxel};
 
@@ -26,6 +29,18 @@ pub struct GrowInput<'a> {
     pub world_from_head: RigidTransform,
     /// Gravity \[mm/s²\], world.
     pub gravity: DVec3,
+    /// The frame before, for strands that follow the same hair; `None` in the first frame.
+    pub before: Option<Before<'a>>,
+}
+
+/// The strands of the frame before and how the hair moved since.
+pub struct Before<'a> {
+    /// What grew there, numbered like the roots.
+    pub strands: &'a Strands,
+    /// Displacement since then \[mm\], on the voxels of this frame's hair volume.
+    pub motion: &'a SparseVoxels<Vec3>,
+    /// The head's motion in the frame before.
+    pub world_from_head: RigidTransform,
 }
 
 /// Settings of stage `grow`.
@@ -51,6 +66,13 @@ pub struct GrowSettings {
     pub slant: f32,
     /// Length over which a strand turns from the scalp's normal into the field \[mm\], robust mode.
     pub root_mm: f32,
+    /// How much the strand of the frame before, carried by the motion, draws the new one, 0 to below 1, robust mode;
+    /// 0 grows every frame by itself.
+    pub follow: f32,
+    /// How far ahead on the carried strand a growing strand aims \[mm\].
+    pub aim_mm: f64,
+    /// How much longer than the carried strand a strand may grow \[mm a frame\].
+    pub extend_mm: f64,
 }
 
 impl Default for GrowSettings {
@@ -65,6 +87,9 @@ impl Default for GrowSettings {
             inertia: 0.3,
             slant: 0.5,
             root_mm: 6.0,
+            follow: 0.15,
+            aim_mm: 10.0,
+            extend_mm: 4.0,
         }
     }
 }
@@ -94,6 +119,10 @@ impl GrowSettings {
         unless((0.0..1.0).contains(&inertia), "grow.inertia", inertia, "0..1", "1 never turns");
         unless((0.0..=1.0).contains(&slant), "grow.slant", slant, "0..=1", "a cosine");
         unless((0.0..=100.0).contains(&root), "grow.root_mm", root, "0..=100", "hair lies down within centimetres");
+        let follow = f64::from(self.follow);
+        unless((0.0..1.0).contains(&follow), "grow.follow", follow, "0..1", "1 would see nothing of this frame");
+        unless((step..=200.0).contains(&self.aim_mm), "grow.aim_mm", self.aim_mm, "step_mm..=200", "it aims ahead");
+        unless((0.0..=1e4).contains(&self.extend_mm), "grow.extend_mm", self.extend_mm, "0..=10000", "a length");
         found
     }
 
@@ -113,12 +142,14 @@ pub fn grow(
     check_input(input)?;
     let field = LineField { values: &input.field.values, lookup: VoxelIndex::of_sparse(input.field) };
     let grower = Grower { field, mode, settings, down: input.gravity.as_vec3().normalize_or_zero() };
+    let carrier = input.before.as_ref().filter(|_| mode == Mode::Robust && settings.follow > 0.0);
+    let carrier = carrier.map(|before| Carrier::new(before, input.world_from_head));
     let grown: Vec<Grown> = (0..input.roots.len())
         .into_par_iter()
         .map(|i| {
             let root = input.world_from_head.point(input.roots[i]).as_vec3();
             let normal = input.world_from_head.vector(input.normals[i]).as_vec3().normalize_or_zero();
-            grower.grow(root, normal)
+            grower.grow(root, normal, &carrier.as_ref().map_or(Vec::new(), |carrier| carrier.carried(i)))
         })
         .collect();
     let mut strands = Strands::new();
@@ -231,6 +262,31 @@ impl LineField<'_> {
     }
 }
 
+/// Carries the strands of the frame before into this one.
+struct Carrier<'a> {
+    strands: &'a Strands,
+    motion: VelocitySampler<'a>,
+    now_from_before: RigidTransform,
+}
+
+impl<'a> Carrier<'a> {
+    fn new(before: &Before<'a>, world_from_head: RigidTransform) -> Self {
+        let now_from_before = world_from_head.after(&before.world_from_head.inverse());
+        Self { strands: before.strands, motion: VelocitySampler::new(before.motion), now_from_before }
+    }
+
+    /// Where the points of a strand have got to. The motion is known where the hair is now, so y = x + u(y) is iterated from
+    /// where the head's motion alone would have brought it.
+    fn carried(&self, strand: usize) -> Vec<Vec3> {
+        let place = |x: &Vec3| {
+            let rigid = self.now_from_before.point(x.as_dvec3()).as_vec3();
+            let moved = |y: Vec3| self.motion.at(y).map_or(rigid, |u| *x + u);
+            (0..3).fold(rigid, |y, _| moved(y))
+        };
+        self.strands.strand(strand).iter().map(place).collect()
+    }
+}
+
 struct Grower<'a> {
     field: LineField<'a>,
     mode: Mode,
@@ -249,15 +305,16 @@ struct Head {
 }
 
 impl Grower<'_> {
-    fn grow(&self, root: Vec3, normal: Vec3) -> Grown {
+    /// `guide`: the strand of the frame before, carried into this one; empty where there is none.
+    fn grow(&self, root: Vec3, normal: Vec3, guide: &[Vec3]) -> Grown {
         let step = self.settings.step_mm as f32;
         let robust_gap =
             if self.mode == Mode::Robust { (self.settings.gap_mm / self.settings.step_mm) as usize } else { 0 };
         let mut strand = Grown::default();
         let mut head = Head { at: root, direction: normal, arc: 0.0, slid: false };
         let mut outside = 0usize;
-        while strand.points.len() < self.settings.max_points() {
-            let sample = self.field.at(head.at, self.facing(&head, normal));
+        while strand.points.len() < self.most_points(guide) {
+            let sample = self.field.at(head.at, self.facing(&head, normal, guide));
             outside = if sample.is_some() { 0 } else { outside + 1 };
             strand.push(head.at, sample.as_ref());
             // A root may lie up to three steps off the volume: scalp and hull are right to a voxel.
@@ -265,8 +322,8 @@ impl Grower<'_> {
             if outside > gap {
                 break;
             }
-            let Some(next) = self.next_direction(&head, normal, sample) else { break };
-            (head.direction, head.slid) = self.kept_inside(&head, next);
+            let Some(next) = self.next_direction(&head, normal, sample, guide) else { break };
+            (head.direction, head.slid) = self.kept_inside(&head, self.drawn(&head, next, guide));
             head.at += head.direction * step;
             head.arc += step;
         }
@@ -278,9 +335,33 @@ impl Grower<'_> {
         strand
     }
 
+    /// The most points that a strand may get: little more than it had in the frame before.
+    fn most_points(&self, guide: &[Vec3]) -> usize {
+        let most = self.settings.max_points();
+        let more = (self.settings.extend_mm / self.settings.step_mm) as usize;
+        if guide.is_empty() { most } else { most.min(guide.len() + more) }
+    }
+
+    /// The direction from a growing strand to the carried one a little ahead; `None` near and beyond its end.
+    fn aim(&self, head: &Head, guide: &[Vec3]) -> Option<Vec3> {
+        let ahead = (head.arc + self.settings.aim_mm as f32) / self.settings.step_mm as f32;
+        (*guide.get(ahead.round() as usize)? - head.at).try_normalize()
+    }
+
+    /// A direction drawn towards the carried strand.
+    fn drawn(&self, head: &Head, direction: Vec3, guide: &[Vec3]) -> Vec3 {
+        match self.aim(head, guide) {
+            Some(aim) => direction.lerp(aim, self.settings.follow).normalize_or(direction),
+            None => direction,
+        }
+    }
+
     /// The direction towards which a line is turned. Close to the root, where the normal is across the lines and does not
     /// decide between their two ends, hair falls.
-    fn facing(&self, head: &Head, normal: Vec3) -> Vec3 {
+    fn facing(&self, head: &Head, normal: Vec3, guide: &[Vec3]) -> Vec3 {
+        if let Some(aim) = self.aim(head, guide) {
+            return (head.direction + aim).normalize_or(head.direction);
+        }
         if self.mode == Mode::Paper || head.arc > self.settings.root_mm {
             return head.direction;
         }
@@ -289,7 +370,7 @@ impl Grower<'_> {
 
     /// The direction of the next step: the midpoint rule, blended with the previous direction; near the root a turn from
     /// the normal into the field. `None` where the lines around do not agree or turn too sharply.
-    fn next_direction(&self, head: &Head, normal: Vec3, here: Option<Sample>) -> Option<Vec3> {
+    fn next_direction(&self, head: &Head, normal: Vec3, here: Option<Sample>, guide: &[Vec3]) -> Option<Vec3> {
         let step = self.settings.step_mm as f32;
         let near_root = head.arc < self.settings.root_mm && self.mode == Mode::Robust;
         let Some(here) = here else {
@@ -297,7 +378,7 @@ impl Grower<'_> {
             return Some(back.unwrap_or(head.direction));
         };
         let middle = head.at + here.direction * (0.5 * step);
-        let midpoint = self.field.at(middle, self.facing(head, normal)).unwrap_or(here);
+        let midpoint = self.field.at(middle, self.facing(head, normal, guide)).unwrap_or(here);
         if head.arc == 0.0 && self.mode == Mode::Paper {
             return Some(normal);
         }
@@ -311,6 +392,12 @@ impl Grower<'_> {
         // from the normal into the field by any angle.
         if self.mode == Mode::Paper {
             return Some(midpoint.direction);
+        }
+        if self.aim(head, guide).is_some() {
+            // Where the lines do not agree the carried strand leads on.
+            let doubt = (1.0 - midpoint.purity / self.settings.min_purity.max(1e-6)).clamp(0.0, 1.0);
+            let inertia = self.settings.inertia + (1.0 - self.settings.inertia) * doubt;
+            return Some(midpoint.direction.lerp(head.direction, inertia).normalize_or(head.direction));
         }
         (midpoint.purity >= self.settings.min_purity).then_some(())?;
         let turn = midpoint.direction.dot(head.direction);

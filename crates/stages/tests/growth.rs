@@ -153,6 +153,7 @@ fn grown(field: &SparseVoxels<FieldVoxel>) -> (Strands, Vec<DVec3>) {
         normals: &normals,
         world_from_head: RigidTransform::IDENTITY,
         gravity: DVec3::new(0.0, 0.0, -9810.0),
+        before: None,
     };
     (grow(&input, Mode::Robust, &GrowSettings::default(), &mut Report::default()).unwrap(), roots)
 }

@@ -31,6 +31,18 @@ impl Tensor {
         self.0[0] + self.0[1] + self.0[2]
     }
 
+    /// The inverse; `None` where the tensor is singular (to single precision).
+    pub fn inverse(&self) -> Option<Self> {
+        let [xx, yy, zz, xy, xz, yz] = self.0.map(f64::from);
+        let (a, b, c) = (yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy);
+        let determinant = xx * a + xy * b + xz * c;
+        let scale = f64::from(self.trace()).abs() / 3.0;
+        (determinant.abs() > 1e-9 * scale.powi(3)).then(|| {
+            let adjugate = [a, xx * zz - xz * xz, xx * yy - xy * xy, b, c, xy * xz - xx * yz];
+            Self(adjugate.map(|entry| (entry / determinant) as f32))
+        })
+    }
+
     /// Eigenvalues, largest first, with their unit eigenvectors.
     pub fn eigen(&self) -> [(f32, Vec3); 3] {
         let [xx, yy, zz, xy, xz, yz] = self.0.map(f64::from);
@@ -116,6 +128,14 @@ mod tests {
         assert!(d.dot(v1).abs() > 1.0 - 1e-6);
         assert!((trust - (1.0 - l2 / l1)).abs() < 1e-4);
         assert!((mixture.trace() - l1 - l2 - l3).abs() < 1e-5);
+    }
+
+    #[test]
+    fn the_inverse_undoes_the_product() {
+        let t = Tensor([2.0, 3.0, 4.0, 0.5, -0.3, 0.8]);
+        let v = Vec3::new(0.4, -1.2, 2.0);
+        assert!(t.inverse().unwrap().apply(t.apply(v)).distance(v) < 1e-5);
+        assert!(Tensor::of_line(Vec3::X).inverse().is_none());
     }
 
     #[test]

@@ -45,3 +45,77 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
     out.whole(&array("trust"), &[count], &field.values.iter().map(|v| v.trust).collect::<Vec<_>>())?;
     out.whole(&array("observed"), &[count], &field.values.iter().map(|v| u8::from(v.observed)).collect::<Vec<_>>())
 }
+
+/// The second phase: how the hair moved since the frame before.
+pub mod motion {
+    use strandflow_core::Report;
+    use strandflow_stages::field::motion::{MotionInput, motion};
+
+    use super::super::{frame_of, lift, need_hull, need_masks, need_pose, need_rig, need_scalp, refs};
+    use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
+
+    pub(crate) fn prepare(_: &Job) -> Result<(), EngineError> {
+        Ok(())
+    }
+
+    /// The frame before, if the take has one.
+    fn before(job: &Job, frame: usize) -> Option<usize> {
+        (frame > job.plan.lead.start).then(|| frame - 1)
+    }
+
+    pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), EngineError> {
+        let frame = frame_of(item)?;
+        need_rig(job, needs);
+        need_hull(frame, needs)?;
+        need_scalp(needs)?;
+        lift::need_maps(job, frame, needs)?;
+        needs.item(
+            &item.key("lift/lift"),
+            &[&format!("lift/{frame:06}/voxel"), &format!("lift/{frame:06}/confidence")],
+        )?;
+        needs.item(&item.key("field/field"), &[&format!("field/{frame:06}/voxel")])?;
+        let frames = before(job, frame).into_iter().chain([frame]);
+        need_pose(job, frames.clone(), needs)?;
+        for frame in frames {
+            need_masks(job, frame, &["masks/subject"], needs)?;
+            for view in 0..job.take.rig().view_count() {
+                needs.file(&job.take.sources().image_file(view, frame)?)?;
+            }
+        }
+        Ok(())
+    }
+
+    pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, _: &mut Report) -> Result<(), EngineError> {
+        let frame = frame_of(item)?;
+        let (take, rig) = (job.take, job.take.rig());
+        let field = take.read_field(frame)?;
+        let array = format!("field/{frame:06}/motion");
+        let Some(before) = before(job, frame) else {
+            return out.whole(&array, &[field.len(), 3], &vec![0.0f32; 3 * field.len()]);
+        };
+        let images = |frame: usize| (0..rig.view_count()).map(move |v| take.images().image(v, frame));
+        let subjects = |frame: usize| (0..rig.view_count()).map(move |v| take.read_subject(v, frame));
+        let (images_now, images_before) =
+            (images(frame).collect::<Result<Vec<_>, _>>()?, images(before).collect::<Result<Vec<_>, _>>()?);
+        let (subjects_now, subjects_before) =
+            (subjects(frame).collect::<Result<Vec<_>, _>>()?, subjects(before).collect::<Result<Vec<_>, _>>()?);
+        let maps = lift::read_maps(job, frame)?;
+        let input = MotionInput {
+            rig,
+            hull: &take.read_hull(frame)?,
+            lines: &take.read_lines(frame)?,
+            field: &field,
+            maps: &refs(&maps),
+            images: &images_now.iter().map(|image| &**image).collect::<Vec<_>>(),
+            images_before: &images_before.iter().map(|image| &**image).collect::<Vec<_>>(),
+            subjects: &refs(&subjects_now),
+            subjects_before: &refs(&subjects_before),
+            roots: &take.read_scalp()?.roots,
+            world_from_head: take.read_pose(frame)?,
+            world_from_head_before: take.read_pose(before)?,
+        };
+        let moved = motion(&input, &job.plan.settings.field);
+        let samples: Vec<f32> = moved.values.iter().flat_map(|v| v.to_array()).collect();
+        out.whole(&array, &[moved.len(), 3], &samples)
+    }
+}

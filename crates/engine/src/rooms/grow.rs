@@ -1,7 +1,10 @@
 //! Stage 8.
 
 use strandflow_core::Report;
-use strandflow_stages::grow::GrowInput;
+use strandflow_stages::{
+    Mode,
+    grow::{Before, GrowInput},
+};
 
 use super::{frame_of, need_pose, need_scalp, of_stage, strand_arrays};
 use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
@@ -17,13 +20,32 @@ pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), Engi
     need_pose(job, [frame].into_iter(), needs)?;
     needs.value("values", "gravity", &job.take.manifest().gravity);
     let arrays = ["voxel", "direction", "trust", "observed"].map(|name| format!("field/{frame:06}/{name}"));
-    needs.item(&item.key("field/field"), &arrays.each_ref().map(String::as_str))
+    needs.item(&item.key("field/field"), &arrays.each_ref().map(String::as_str))?;
+    let Some(before) = before(job, frame) else { return Ok(()) };
+    need_pose(job, [before].into_iter(), needs)?;
+    needs.item(&item.key("field/motion"), &[&format!("field/{frame:06}/motion")])?;
+    needs.item(&Item::Frame(before).key("grow/grow"), &["grow/points", "grow/provenance"])
+}
+
+/// The frame whose strands are followed: none in the first frame, nor where every frame grows by itself.
+fn before(job: &Job, frame: usize) -> Option<usize> {
+    let follows = job.plan.mode == Mode::Robust && job.plan.settings.grow.follow > 0.0;
+    (follows && frame > job.plan.frames.start).then(|| frame - 1)
 }
 
 pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {
     let frame = frame_of(item)?;
     let (take, settings) = (job.take, &job.plan.settings.grow);
     let scalp = take.read_scalp()?;
+    let before = before(job, frame)
+        .map(|before| Ok::<_, EngineError>((take.read_strands("grow", before)?, take.read_pose(before)?)))
+        .transpose()?;
+    let motion = before.as_ref().map(|_| take.read_motion(frame)).transpose()?;
+    let before = before.as_ref().zip(motion.as_ref()).map(|((strands, pose), motion)| Before {
+        strands,
+        motion,
+        world_from_head: *pose,
+    });
     let input = GrowInput {
         frame,
         field: &take.read_field(frame)?,
@@ -31,6 +53,7 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
         normals: &scalp.normals,
         world_from_head: take.read_pose(frame)?,
         gravity: take.gravity(),
+        before,
     };
     let strands = strandflow_stages::grow::grow(&input, job.plan.mode, settings, report).map_err(of_stage("grow"))?;
     strand_arrays::write_strands(out, "grow", frame, &strands, settings.max_points())

@@ -164,6 +164,13 @@ pub const ARRAYS: &[ArraySpec] = &[
         "anisotropy times what arrived from observed lines, 0 to 1",
     ),
     spec("field/FRAME/observed", (U8, "1"), &["voxel"], PER_FRAME, "1 where the voxel itself was observed"),
+    spec(
+        "field/FRAME/motion",
+        (F32, "mm"),
+        &["voxel", "xyz"],
+        PER_FRAME,
+        "displacement of the hair in the voxel since the frame before, world; the head's where nothing was seen",
+    ),
     spec("grow/points", (F32, "mm"), POINTS, STRANDS, POSITION),
     spec("grow/provenance", (U8, "1"), SAMPLES, STRANDS, NUMBERS_OF_PROVENANCE),
     spec("grow/confidence", (U8, "1/255"), SAMPLES, STRANDS, CONFIDENCE),
