@@ -116,7 +116,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "orient",
         summary: "orientation of every hair pixel",
-        version: 1,
+        version: 2,
         has_modes: true,
         settings: settings_of!(orient),
         phases: &[phase!("orient/orient", ViewFrame, Frames, rooms::orient)],

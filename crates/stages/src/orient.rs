@@ -50,9 +50,9 @@ impl Default for OrientSettings {
             orientations: 32,
             highpass_px: 6.0,
             noise_codes: 4.0,
-            pool_px: 3.5,
+            pool_px: 5.0,
             pool_along_px: 10.0,
-            support_px: 8.0,
+            support_px: 12.0,
         }
     }
 }
@@ -170,7 +170,9 @@ fn filter_bank(texture: &Plane<f32>, settings: &OrientSettings) -> OrientationEn
 }
 
 /// Adds to every pixel what its wider surroundings agree on, weighted by their own agreement: where texture says little
-/// the surroundings decide. The total is kept, so confidence still is that of the pixel.
+/// the surroundings decide. What is left of the total is the trust: how well the pixel's own energy agrees, times how well
+/// the directions around it do. Where layers of strands cross, a pixel's own texture can be clear and still show another
+/// layer than its neighbour's; of the hair of fast frames that is most of the error.
 fn supported(mut pooled: OrientationEnergy, sigma: f32) -> OrientationEnergy {
     if sigma <= 0.0 {
         return pooled;
@@ -186,8 +188,11 @@ fn supported(mut pooled: OrientationEnergy, sigma: f32) -> OrientationEnergy {
     };
     let (c, s) = (agreed(&pooled.cos2), agreed(&pooled.sin2));
     let (wide_c, wide_s) = (gaussian(&c, sigma), gaussian(&s, sigma));
+    let strength = gaussian(&Plane { data: (0..n).map(|i| c.data[i].hypot(s.data[i])).collect(), ..c }, sigma);
     for i in 0..n {
-        let length = pooled.cos2.data[i].hypot(pooled.sin2.data[i]);
+        let coherence = wide_c.data[i].hypot(wide_s.data[i]) / strength.data[i].max(1e-9);
+        let own = pooled.cos2.data[i].hypot(pooled.sin2.data[i]) / pooled.total.data[i].max(1e-12);
+        let length = own.sqrt() * coherence.powi(4) * pooled.total.data[i];
         let (x, y) = (c.data[i] + 0.5 * wide_c.data[i], s.data[i] + 0.5 * wide_s.data[i]);
         let norm = x.hypot(y);
         if norm > 0.0 {
