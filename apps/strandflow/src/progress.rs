@@ -23,8 +23,13 @@ impl Progress {
     pub fn show(&self, event: &Event) {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
+            Event::Outdated { phases } => {
+                eprintln!("warning: --from takes the stages before it as they are, and these are not up to date:");
+                phases.iter().for_each(|phase| eprintln!("  {phase}"));
+                eprintln!("hint: leave --from away to bring them up to date first");
+            }
             Event::PhaseStarted { phase, summary, items } => {
-                let bar = ProgressBar::new(*items as u64).with_message(format!("{phase:<16} {summary}"));
+                let bar = ProgressBar::new(*items as u64).with_prefix(*phase).with_message(*summary);
                 bar.set_style(style());
                 bar.enable_steady_tick(std::time::Duration::from_millis(250));
                 *state = State { bar: Some(bar), shown: 0 };
@@ -44,6 +49,7 @@ impl Progress {
                     state.shown += 1;
                 }
             }
+            Event::Ended { .. } => {}
             Event::PhaseFinished { phase, secs, .. } => {
                 if let Some(bar) = state.bar.take() {
                     let hidden = bar.is_hidden();
@@ -59,6 +65,7 @@ impl Progress {
 }
 
 fn style() -> ProgressStyle {
-    let template = "{msg:<58} {bar:24} {pos:>5}/{len} {per_sec:>12} {eta:>5} left";
+    // What the stage does comes last: a narrow terminal cuts the end of a line.
+    let template = "{prefix:<15} {bar:20} {pos:>5}/{len:<5} {per_sec:>10} {eta:>4} left  {msg}";
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
