@@ -21,6 +21,7 @@ pub mod run;
 pub mod scaffold;
 pub mod settings;
 pub mod sources;
+pub mod stage_strands;
 pub mod status;
 pub mod store;
 pub mod table;
