@@ -45,6 +45,9 @@ pub struct NewArgs {
     /// The capture: video/ or images/, clean/, a calibration, user/.
     #[arg(long, value_name = "DIR")]
     pub capture: PathBuf,
+    /// A view that takes no part in the reconstruction, so that `evaluate` can judge the strands by it; may be repeated.
+    #[arg(long, value_name = "VIEW")]
+    pub hold_out: Vec<String>,
 }
 
 /// `strandflow run`.
@@ -111,7 +114,7 @@ pub struct EvaluateArgs {
     /// Only this stage.
     #[arg(long, value_name = "STAGE")]
     pub stage: Option<String>,
-    /// Score the strands of this .npz instead, made by any program.
+    /// Score these strands instead, made by any program: a .npz, or a folder of .hair or .data files, one a frame.
     #[arg(long, value_name = "FILE")]
     pub strands: Option<PathBuf>,
     /// Also write everything as JSON.

@@ -8,6 +8,8 @@ mod demo;
 mod evaluate;
 mod export;
 mod failure;
+mod foreign;
+mod held_out;
 mod new;
 mod overlay;
 mod progress;

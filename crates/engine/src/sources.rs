@@ -10,7 +10,7 @@ use strandflow_core::{FrameRange, ImageSource, Mask, RgbImage, Rig};
 use strandflow_io::{IoError, TakeSource, ViewInput};
 
 use crate::{
-    EngineError, Manifest,
+    EngineError, Manifest, Views,
     footage::{ViewFiles, numbered_images},
 };
 
@@ -52,7 +52,7 @@ impl Sources {
     ///
     /// # Errors
     /// `Input` where one is missing, a clip has another length or size than the others, or masks are of no view.
-    pub fn open(root: &Path, manifest: &Manifest, rig: &Rig) -> Result<Self, EngineError> {
+    pub fn open(root: &Path, manifest: &Manifest, rig: &Rig, views: &Views) -> Result<Self, EngineError> {
         let names: Vec<String> = manifest.views.iter().map(|view| view.name.clone()).collect();
         let inputs: Vec<(String, ViewInput)> =
             manifest.views.iter().map(|view| (view.name.clone(), ViewInput::of(&root.join(&view.source)))).collect();
@@ -72,7 +72,7 @@ impl Sources {
         };
         let sources = Self { images, files, names, plates, labels, hairs, subjects, frames };
         // Labels are read again by the stage; looked at now, so that hours of masks do not come before the error.
-        sources.labels(rig, frames.start)?;
+        sources.labels(views.rig(), frames.start)?;
         sources.must_begin_with_hair(frames.start)?;
         Ok(sources)
     }
@@ -115,7 +115,7 @@ impl Sources {
         &self.labels
     }
 
-    /// Marker labels of the take's first frame by view index: (number, image points).
+    /// Marker labels of the take's first frame by view index in `rig`: (number, image points).
     ///
     /// # Errors
     /// `Input` where the file cannot be read, is of another frame, names views that are not there, or holds fewer than
@@ -233,6 +233,14 @@ fn frames_of(
             return Err(EngineError::input(place(frames.start), fact, hint));
         }
         if info.frame_count < frames.end || (stated.is_none() && info.frame_count != frames.end) {
+            let (first, others) =
+                (files[v].first_number(), files.iter().map(ViewFiles::first_number).min().unwrap_or(0));
+            if first > others {
+                // Frame 0 is the lowest number of a folder: without its first images a view would be out of step.
+                let fact = format!("the images begin at number {first}, those of other views at {others}");
+                let hint = "copy the missing first images into the folder, or number the images of all views alike";
+                return Err(EngineError::input(place(0), fact, hint));
+            }
             let fact = format!("has {} frames, the take {}", info.frame_count, frames.end);
             let hint =
                 "cut the clips to equal length, or give the frames that all have in the manifest: frames = \"A..B\"";
