@@ -14,7 +14,7 @@ pub fn status(args: &StatusArgs) -> Result<(), Failed> {
         println!("{}", serde_json::to_string_pretty(&phases).map_err(std::io::Error::other)?);
         return Ok(());
     }
-    println!("frames {}, mode {:?}", plan.frames, plan.mode);
+    println!("frames {}, mode {}", plan.frames, format!("{:?}", plan.mode).to_lowercase());
     println!("{:<18}{:>7}{:>7}{:>7}{:>9}{:>8}", "phase", "items", "done", "stale", "missing", "failed");
     for p in &phases {
         let items = if p.items == 0 { "?".into() } else { p.items.to_string() };
@@ -22,6 +22,9 @@ pub fn status(args: &StatusArgs) -> Result<(), Failed> {
         for (reason, count) in &p.reasons {
             println!("    {count}× {reason}");
         }
+    }
+    if phases.iter().any(|phase| !phase.is_done()) {
+        eprintln!("`strandflow run {}` does what is stale, missing or failed", args.take.display());
     }
     Ok(())
 }

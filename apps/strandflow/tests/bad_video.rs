@@ -19,7 +19,7 @@ fn take(root: &Path) -> Option<(PathBuf, PathBuf)> {
     let (capture, take) = (root.join("capture"), root.join("take"));
     common::capture(&capture);
     for view in 0..VIEWS {
-        encode(&capture, view, FRAMES, "64x48");
+        encode(&capture, view, FRAMES, "64x48", LOSSLESS);
     }
     std::fs::rename(capture.join("images"), root.join("images")).unwrap();
     let made = strandflow(&["new", text(&take), "--capture", text(&capture)]);
@@ -27,14 +27,17 @@ fn take(root: &Path) -> Option<(PathBuf, PathBuf)> {
     Some((capture, take))
 }
 
-/// Encodes the first frames of a view, in some size.
-fn encode(capture: &Path, view: usize, frames: usize, size: &str) {
+const LOSSLESS: &[&str] = &["-c:v", "ffv1"];
+
+/// Encodes the first frames of a view, in some size and codec.
+fn encode(capture: &Path, view: usize, frames: usize, size: &str, codec: &[&str]) {
     let images = [capture.join("images"), capture.with_file_name("images")].into_iter().find(|p| p.exists()).unwrap();
     std::fs::create_dir_all(capture.join("video")).unwrap();
     let made = Command::new("ffmpeg")
         .args(["-y", "-v", "error", "-framerate", "100", "-i"])
         .arg(images.join(format!("cam{view}/%06d.png")))
-        .args(["-frames:v", &frames.to_string(), "-s", size, "-c:v", "ffv1"])
+        .args(["-frames:v", &frames.to_string(), "-s", size])
+        .args(codec)
         .arg(capture.join(format!("video/cam{view}.mkv")))
         .output()
         .unwrap();
@@ -53,9 +56,9 @@ fn videos_run_like_images() {
 fn a_clip_of_another_length_or_size_is_named() {
     let root = tempfile::tempdir().unwrap();
     let Some((capture, take)) = take(root.path()) else { return };
-    encode(&capture, 1, FRAMES - 1, "64x48");
+    encode(&capture, 1, FRAMES - 1, "64x48", LOSSLESS);
     assert_bad_input(&strandflow(&["run", text(&take)]), &["cam1.mkv", "view cam1", "frame 3", "3 frames"]);
-    encode(&capture, 1, FRAMES, "32x24");
+    encode(&capture, 1, FRAMES, "32x24", LOSSLESS);
     assert_bad_input(&strandflow(&["run", text(&take)]), &["cam1.mkv", "view cam1", "32×24", "64×48"]);
     assert!(!take.join("results.zarr/masks").exists());
 }
@@ -71,18 +74,23 @@ fn a_clip_that_is_missing_or_no_video_is_named() {
     assert_bad_input(&strandflow(&["run", text(&take)]), &["cam2.mkv", "view cam2"]);
 }
 
-/// The container still tells of all frames; only decoding meets the damage.
+/// The container still tells of all frames, and a player would show something for each; only decoding meets the damage.
 #[test]
 fn a_clip_damaged_in_the_middle_costs_its_view_from_there_on_and_nothing_else() {
     let root = tempfile::tempdir().unwrap();
     let Some((capture, take)) = take(root.path()) else { return };
     let clip = capture.join("video/cam0.mkv");
+    encode(&capture, 0, FRAMES, "64x48", &["-f", "mp4", "-c:v", "mjpeg", "-q:v", "2"]);
     let mut bytes = std::fs::read(&clip).unwrap();
-    let from = bytes.len() / 2;
-    bytes[from..].iter_mut().skip(2000).for_each(|b| *b ^= 0x5a);
+    // All frames lie in one box, `mdat`, behind its length.
+    let at = bytes.windows(4).position(|name| name == b"mdat").unwrap();
+    let length = u32::from_be_bytes(bytes[at - 4..at].try_into().unwrap()) as usize;
+    bytes[at + length * 60 / 100..at + length * 70 / 100].iter_mut().for_each(|byte| *byte ^= 0x5a);
     std::fs::write(&clip, bytes).unwrap();
-    let run = strandflow(&["run", text(&take), "--to", "masks"]);
-    assert_bad_input(&run, &["cam0.mkv", "cam0"]);
+    assert_bad_input(&strandflow(&["run", text(&take), "--to", "masks"]), &["cam0.mkv", "view cam0", "decoded"]);
+    let items = take.join("results.zarr/.items/masks/masks");
+    assert!(items.join("view01/000003.json").exists() && items.join("view02/000003.json").exists());
+    assert!(!items.join("view00/000002.json").exists());
 }
 
 #[test]

@@ -4,14 +4,16 @@
 mod common;
 
 use std::{
+    collections::{BTreeMap, BTreeSet},
     io::{BufRead, BufReader},
-    path::Path,
+    path::{Path, PathBuf},
     process::{Command, Stdio},
     time::Duration,
 };
 
 use common::{bytes_below, stderr, strandflow, synthetic, take, text};
 use serde_json::Value;
+use strandflow_engine::store::catalogue;
 
 /// Phases of the stage table; `status` lists them.
 const STAGES: usize = 13;
@@ -26,10 +28,11 @@ fn killed_in_every_stage_the_next_run_ends_with_the_same_bytes() {
     let run = strandflow(&["run", text(&whole), "--threads", "1"]);
     assert!(run.status.success(), "{}", stderr(&run));
     let wanted = bytes_below(&whole.join("results.zarr"));
+    arrays_are_those_of_the_catalogue(&wanted);
 
     let killed = synthetic::take_of(&capture, "killed", &[]);
     let phases = phases(&killed);
-    let stages: std::collections::BTreeSet<&str> = phases.iter().filter_map(|p| p.split('/').next()).collect();
+    let stages: BTreeSet<&str> = phases.iter().filter_map(|p| p.split('/').next()).collect();
     assert_eq!(stages.len(), STAGES);
     for (n, phase) in phases.iter().enumerate() {
         // At once, and some milliseconds into the work: with the machine's own jitter no two kills hit the same place.
@@ -41,6 +44,26 @@ fn killed_in_every_stage_the_next_run_ends_with_the_same_bytes() {
     let found = bytes_below(&killed.join("results.zarr"));
     let differing: Vec<_> = wanted.keys().chain(found.keys()).filter(|k| wanted.get(*k) != found.get(*k)).collect();
     assert!(differing.is_empty(), "{differing:?}");
+}
+
+/// Every array on disk is in the table of `docs/formats.md`, and every row of the table is on disk.
+fn arrays_are_those_of_the_catalogue(files: &BTreeMap<PathBuf, Vec<u8>>) {
+    let mut found = BTreeSet::new();
+    for (file, bytes) in files.iter().filter(|(file, _)| file.ends_with("zarr.json")) {
+        let node: Value = serde_json::from_slice(bytes).unwrap();
+        if node["node_type"] == "array" {
+            let array = file.parent().unwrap().to_str().unwrap().replace('\\', "/");
+            let spec = catalogue::spec_of(&array).unwrap_or_else(|| panic!("{array} is in no table"));
+            assert_eq!(node["data_type"], spec.dtype.name(), "{array}");
+            assert!(
+                node["attributes"]["units"] == spec.units && node["dimension_names"] == serde_json::json!(spec.dims),
+                "{array}"
+            );
+            found.insert(spec.path);
+        }
+    }
+    let missing: Vec<_> = catalogue::ARRAYS.iter().filter(|spec| !found.contains(spec.path)).collect();
+    assert!(missing.is_empty(), "{missing:?}");
 }
 
 /// Names of all phases, in order.
