@@ -13,7 +13,7 @@ use common::{FRAMES, VIEWS, assert_bad_input, stderr, strandflow, text};
 /// The tiny capture with lossless videos instead of images, and its take. `None` without ffmpeg.
 fn take(root: &Path) -> Option<(PathBuf, PathBuf)> {
     if !strandflow_io::source::probe::ffmpeg_is_installed() {
-        println!("skipped: no ffmpeg");
+        eprintln!("skipped: no ffmpeg");
         return None;
     }
     let (capture, take) = (root.join("capture"), root.join("take"));

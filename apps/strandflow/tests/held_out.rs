@@ -33,7 +33,7 @@ fn a_view_held_out_tells_true_strands_from_turned_ones_and_takes_no_part() {
         judged(&take, &file)
     });
     let [truly, turned] = scores;
-    println!("degrees, coverage: {truly:?} true, {turned:?} turned");
+    eprintln!("degrees, coverage: {truly:?} true, {turned:?} turned");
     // Measured on this capture: 7.3° and 17.8° for the true and the turned strands, coverage 0.83 and 0.73.
     assert!(truly.0 < 12.0 && turned.0 > truly.0 + 8.0, "degrees: {} true, {} turned", truly.0, turned.0);
     assert!(truly.1 > turned.1, "coverage: {} true, {} turned", truly.1, turned.1);
