@@ -11,14 +11,34 @@ use crate::{
     failure::Failed,
     foreign, held_out,
     scores::{SEQUENCE_STAGES, Scores, score_take},
+    status::tell_of_outdated,
+    stdout::print,
 };
 
 pub fn evaluate(args: &EvaluateArgs) -> Result<(), Failed> {
     let take = Take::open(&args.take)?;
+    let scores = measure(args, &take)?;
+    if args.truth.is_none() && take.views().held_out().is_empty() {
+        eprintln!(
+            "note: no view was held out, so these views took part and flatter; hold one out with `strandflow new \
+             --hold-out VIEW` or `held_out = [\"VIEW\"]` in the manifest"
+        );
+    }
+    print(&scores.text())?;
+    let Some(file) = &args.json else { return Ok(()) };
+    let text = serde_json::to_string_pretty(&scores).map_err(std::io::Error::other)?;
+    Ok(write_atomic(file, (text + "\n").as_bytes())?)
+}
+
+fn measure(args: &EvaluateArgs, take: &Take) -> Result<Scores, Failed> {
     let plan = take.last_plan()?;
-    let stage = args.stage.as_deref().map(stage_index).transpose()?.map(|index| STAGES[index].name);
+    let stage = args.stage.as_deref().map(stage_index).transpose()?;
     let given =
         args.strands.as_deref().map(|file| Ok::<_, Failed>((name_of(file), foreign::read(file)?))).transpose()?;
+    if given.is_none() {
+        tell_of_outdated(take, &plan, stage.unwrap_or(STAGES.len() - 1))?;
+    }
+    let stage = stage.map(|index| STAGES[index].name);
     let mut scores = match &args.truth {
         None => Scores::default(),
         Some(folder) => {
@@ -26,33 +46,27 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<(), Failed> {
                 Failed::input(error.to_string(), "give the gt/ folder of a capture: see docs/capture.md")
             })?;
             match &given {
-                Some((name, sequence)) => Scores::of_sequence(name, sequence, &take, &truth),
-                None => score_take(&take, &plan, &truth, folder, stage)?,
+                Some((name, sequence)) => Scores::of_sequence(name, sequence, take, &truth),
+                None => score_take(take, &plan, &truth, folder, stage)?,
             }
         }
     };
     if args.truth.is_none() || !take.views().held_out().is_empty() {
-        scores.views = in_views(&take, given.as_ref(), stage);
+        scores.views = in_views(take, given.as_ref(), stage);
     }
     if scores.is_empty() {
-        let fact =
-            format!("{}: there is nothing to score yet", stage.map_or("the take".into(), |s| format!("stage {s}")));
-        let hint = match &args.truth {
-            None => "run `strandflow run TAKE` up to smooth, fit or blend; other stages are scored with --truth DIR/gt",
-            Some(_) => "run `strandflow run TAKE` first; the truth must be of the same frames",
-        };
-        return Err(Failed::input(fact, hint));
+        return Err(nothing_to_score(args));
     }
-    if args.truth.is_none() && take.views().held_out().is_empty() {
-        eprintln!(
-            "note: no view was held out, so these views took part and flatter; hold one out with `strandflow new \
-             --hold-out VIEW` or `held_out = [\"VIEW\"]` in the manifest"
-        );
-    }
-    print(&scores.text());
-    let Some(file) = &args.json else { return Ok(()) };
-    let text = serde_json::to_string_pretty(&scores).map_err(std::io::Error::other)?;
-    Ok(write_atomic(file, (text + "\n").as_bytes())?)
+    Ok(scores)
+}
+
+fn nothing_to_score(args: &EvaluateArgs) -> Failed {
+    let what = args.stage.as_ref().map_or("the take".into(), |stage| format!("stage {stage}"));
+    let hint = match &args.truth {
+        None => "run `strandflow run TAKE` up to smooth, fit or blend; other stages are scored with --truth DIR/gt",
+        Some(_) => "run `strandflow run TAKE` first; the truth must be of the same frames",
+    };
+    Failed::input(format!("{what}: there is nothing to score"), hint)
 }
 
 /// Strands in the views that were held out, or, where none was, in all.
@@ -67,9 +81,4 @@ fn in_views(take: &Take, given: Option<&(String, StrandSequence)>, stage: Option
 
 fn name_of(file: &Path) -> String {
     file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned()
-}
-
-#[expect(clippy::print_stdout, reason = "the table is the data of evaluate")]
-fn print(text: &str) {
-    print!("{text}");
 }

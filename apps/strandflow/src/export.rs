@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use strandflow_engine::{Plan, Take, stage_index, stage_strands::StageStrands, status::status_before};
+use strandflow_engine::{Plan, Take, stage_index, stage_strands::StageStrands};
 use strandflow_io::{
     IoError,
     strands::{Interchange, hair::write_hair, npz::write_npz, ply::write_ply, usc_data::write_usc_data},
@@ -12,28 +12,17 @@ use strandflow_io::{
 use crate::{
     args::{ExportArgs, Format},
     failure::Failed,
+    status::tell_of_outdated,
 };
 
 pub fn export(args: &ExportArgs) -> Result<(), Failed> {
     let take = Take::open(&args.take)?;
     let plan = take.last_plan()?;
     take.must_be_done(args.stage.name(), &plan)?;
-    tell_of_outdated(&take, &plan, args.stage.name())?;
+    tell_of_outdated(&take, &plan, stage_index(args.stage.name())?)?;
     let strands = take.strands_of(args.stage.name(), plan.frames)?;
     write(&take, &plan, &strands, args.to, &args.out)?;
     eprintln!("wrote {}", args.out.display());
-    Ok(())
-}
-
-/// Strands that rest on what has changed since are written all the same, and said to.
-fn tell_of_outdated(take: &Take, plan: &Plan, stage: &str) -> Result<(), Failed> {
-    let phases = status_before(take, plan, stage_index(stage)? + 1)?;
-    let outdated: Vec<_> = phases.iter().filter(|phase| !phase.is_done()).collect();
-    if !outdated.is_empty() {
-        eprintln!("warning: the strands rest on stages that are not up to date:");
-        outdated.iter().for_each(|phase| eprintln!("  {phase}"));
-        eprintln!("hint: `strandflow run {}` brings them up to date", take.root().display());
-    }
     Ok(())
 }
 

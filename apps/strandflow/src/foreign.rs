@@ -12,6 +12,9 @@ const HINT: &str = "give a .npz, or a folder of .hair (mm) or .data (m) files na
 
 /// Reads a `.npz` with all frames, one `.hair` or `.data` file as the frame in its name, or a folder of them.
 pub fn read(path: &Path) -> Result<StrandSequence, Failed> {
+    if !path.exists() {
+        return Err(Failed::input(format!("{}: there is no such file or folder", path.display()), HINT));
+    }
     if path.extension().is_some_and(|ending| ending == "npz") {
         return Ok(read_npz(path)?.sequence);
     }

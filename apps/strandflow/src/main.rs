@@ -17,6 +17,7 @@ mod run;
 mod score_table;
 mod scores;
 mod status;
+mod stdout;
 mod synth;
 
 use std::process::ExitCode;

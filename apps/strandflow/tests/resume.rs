@@ -120,3 +120,21 @@ fn outcomes(stdout: &[u8], outcome: &str) -> Vec<String> {
     keys.sort();
     keys
 }
+
+#[test]
+fn a_reader_of_events_that_goes_away_costs_nothing() {
+    let root = tempfile::tempdir().unwrap();
+    let (_, take) = take(root.path());
+    let mut child = Command::new(env!("CARGO_BIN_EXE_strandflow"))
+        .args(["run", text(&take), "--to", "hull", "--json"])
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    assert!(child.wait().unwrap().success());
+    let again = strandflow(&["run", text(&take), "--to", "hull", "--json"]);
+    assert!(outcomes(&again.stdout, "done").is_empty());
+    let last = String::from_utf8_lossy(&again.stdout).lines().last().unwrap().to_owned();
+    let last: Value = serde_json::from_str(&last).unwrap();
+    assert!(last["event"] == "ended" && last["complete"] == true && last["done"] == 0, "{last}");
+}
