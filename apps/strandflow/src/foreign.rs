@@ -68,3 +68,35 @@ fn sequence(path: &Path, frames: &[(usize, Strands)]) -> Result<StrandSequence, 
     }
     Ok(sequence)
 }
+
+#[cfg(test)]
+mod tests {
+    use strandflow_core::Provenance;
+    use strandflow_io::{Interchange, write_hair, write_usc_data};
+
+    use super::*;
+
+    #[test]
+    fn files_of_frames_become_a_sequence() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut sequence = StrandSequence::missing(vec![7, 8], vec![2, 3], 3);
+        for t in 0..2 {
+            for n in 0..2 {
+                for (p, at) in sequence.range(t, n).enumerate() {
+                    sequence.points[at] = glam::Vec3::new(n as f32, t as f32, p as f32);
+                    sequence.provenance[at] = Provenance::Observed;
+                    sequence.confidence[at] = 1.0;
+                }
+            }
+        }
+        let strands = Interchange::new(&sequence).unwrap();
+        (0..2).for_each(|t| write_hair(&dir.path().join(format!("{:06}.hair", t + 7)), &strands, t).unwrap());
+        let read = read(dir.path()).unwrap();
+        assert_eq!((&read.frames, &read.counts), (&sequence.frames, &sequence.counts));
+        assert_eq!((read.strand(1, 1), &read.provenance), (sequence.strand(1, 1), &sequence.provenance));
+        let one = dir.path().join("groom_0003.data");
+        write_usc_data(&one, &strands, 0).unwrap();
+        assert_eq!(super::read(&one).unwrap().frames, [3]);
+        assert!(super::read(&dir.path().join("none.npz")).unwrap_err().error.contains("no such file"));
+    }
+}

@@ -1,8 +1,11 @@
 //! Progress bars: one a phase, with rate and time left; findings and failures above them.
 
-use std::sync::{Mutex, PoisonError};
+use std::{
+    fmt::Write,
+    sync::{Mutex, PoisonError},
+};
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
 use strandflow_engine::{Event, Outcome};
 
 /// Failures shown in words per phase; the rest is counted in the summary.
@@ -66,6 +69,38 @@ impl Progress {
 
 fn style() -> ProgressStyle {
     // What the stage does comes last: a narrow terminal cuts the end of a line.
-    let template = "{prefix:<15} {bar:20} {pos:>5}/{len:<5} {per_sec:>10} {eta:>4} left  {msg}";
-    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+    let template = "{prefix:<15} {bar:20} {pos:>5}/{len:<5} {rate:>10} {left:>15}  {msg}";
+    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    style
+        .with_key("rate", |state: &ProgressState, out: &mut dyn Write| put(out, &rate(state.per_sec())))
+        .with_key("left", |state: &ProgressState, out: &mut dyn Write| put(out, &left(state)))
+}
+
+fn put(out: &mut dyn Write, text: &str) {
+    // Into a buffer of the bar: it does not fail.
+    let _ = out.write_str(text);
+}
+
+/// Items a second, or seconds an item where that is the larger number.
+fn rate(per_sec: f64) -> String {
+    match per_sec {
+        fast if fast >= 1.0 => format!("{fast:.1}/s"),
+        slow if slow > 0.0 => format!("{:.1} s each", 1.0 / slow),
+        _ => String::new(),
+    }
+}
+
+/// Before the first item is done nothing is known of the time left.
+fn left(state: &ProgressState) -> String {
+    if state.pos() == 0 { String::new() } else { format!("{:#} left", HumanDuration(state.eta())) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slow_work_is_told_in_seconds_an_item() {
+        assert_eq!([rate(12.34), rate(0.25), rate(0.0)], ["12.3/s", "4.0 s each", ""]);
+    }
 }
