@@ -4,12 +4,27 @@ use std::path::PathBuf;
 
 use clap::{Parser, Subcommand, ValueEnum};
 use strandflow_core::FrameRange;
+use strandflow_engine::STAGES;
+
+const FIRST_STEPS: &str = "\
+First steps:
+  strandflow demo                           a small synthetic take, all stages, scores, exports
+  strandflow new TAKE --capture DIR         DIR: video/, clean/, calibration.json, user/ (docs/capture.md)
+  strandflow run TAKE                       resumes where it stopped; Ctrl-C loses nothing
+  strandflow status TAKE
+  strandflow export TAKE --stage blend --to usd OUT.usdc";
+
+/// The stages in words, for the help.
+fn stages_in_order() -> String {
+    let lines = STAGES.iter().map(|stage| format!("  {:<8} {}\n", stage.name, stage.summary));
+    format!("Stages, in order:\n{}", lines.collect::<String>())
+}
 
 /// Multi-view video of moving hair in, animated strands with fitted physics out.
 ///
 /// Exit codes: 0 done, 1 failed, 2 bad usage or bad input.
 #[derive(Debug, Parser)]
-#[command(name = "strandflow", version, propagate_version = true)]
+#[command(name = "strandflow", version, propagate_version = true, after_help = FIRST_STEPS)]
 pub struct Args {
     /// What to do.
     #[command(subcommand)]
@@ -25,7 +40,7 @@ pub enum Command {
     Run(RunArgs),
     /// What is done, stale, missing or failed, and why.
     Status(StatusArgs),
-    /// Score results against truth, or against the images where there is none.
+    /// Score results against truth, and in views that were held out.
     Evaluate(EvaluateArgs),
     /// Write strands in a format that other programs read.
     Export(ExportArgs),
@@ -45,14 +60,18 @@ pub struct NewArgs {
     /// The capture: video/ or images/, clean/, a calibration, user/.
     #[arg(long, value_name = "DIR")]
     pub capture: PathBuf,
+    /// A view that takes no part in the reconstruction, so that `evaluate` can judge the strands by it; may be repeated.
+    #[arg(long, value_name = "VIEW")]
+    pub hold_out: Vec<String>,
 }
 
 /// `strandflow run`.
 #[derive(Debug, clap::Args)]
+#[command(after_help = stages_in_order())]
 pub struct RunArgs {
     /// The take.
     pub take: PathBuf,
-    /// First stage; what comes before is taken as it is.
+    /// First stage; what comes before is taken as it is, with a warning where it is not up to date.
     #[arg(long, value_name = "STAGE")]
     pub from: Option<String>,
     /// Last stage.
@@ -94,7 +113,7 @@ pub struct ExportArgs {
     #[arg(long)]
     pub stage: SequenceStage,
     /// The format.
-    #[arg(long)]
+    #[arg(long, value_name = "FORMAT")]
     pub to: Format,
     /// The file to write; for ply, hair and data (one file a frame) a folder.
     pub out: PathBuf,
@@ -105,13 +124,14 @@ pub struct ExportArgs {
 pub struct EvaluateArgs {
     /// The take.
     pub take: PathBuf,
-    /// Truth: the gt/ folder of a capture. Without it, strands are compared with the orientation maps.
+    /// Truth: the gt/ folder of a capture. Without it, strands are compared with the orientation maps and hair masks of
+    /// views that were held out (`new --hold-out`, or `held_out` in the manifest); of all views where none was.
     #[arg(long, value_name = "DIR")]
     pub truth: Option<PathBuf>,
     /// Only this stage.
     #[arg(long, value_name = "STAGE")]
     pub stage: Option<String>,
-    /// Score the strands of this .npz instead, made by any program.
+    /// Score these strands instead, made by any program: a .npz, or a folder of .hair or .data files, one a frame.
     #[arg(long, value_name = "FILE")]
     pub strands: Option<PathBuf>,
     /// Also write everything as JSON.

@@ -16,7 +16,7 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failed> {
     prepare(take, args.force)?;
     let capture = take.join("capture");
     synth::make(&SynthSpec::demo(Style::Straight), &capture)?;
-    new::new(&NewArgs { take: take.clone(), capture: capture.clone() })?;
+    new::new(&NewArgs { take: take.clone(), capture: capture.clone(), hold_out: Vec::new() })?;
     ask_for_fewer_strands(&take.join("strandflow.toml"))?;
     run::run(&RunArgs {
         take: take.clone(),

@@ -1,78 +1,84 @@
-//! `strandflow evaluate`: against truth, or against the images where there is none.
+//! `strandflow evaluate`: against truth, and against images that had no part in the reconstruction.
 
 use std::path::Path;
 
 use strandflow_core::StrandSequence;
-use strandflow_engine::{Plan, STAGES, Take, stage_index};
-use strandflow_eval::{Table, images::held_out_agreement, raster::StrandView, truth};
+use strandflow_engine::{STAGES, Take, disk::write_atomic, stage_index};
+use strandflow_eval::truth;
 
 use crate::{
     args::EvaluateArgs,
     failure::Failed,
-    scores::{Scores, score_take},
+    foreign, held_out,
+    scores::{SEQUENCE_STAGES, Scores, score_take},
+    status::tell_of_outdated,
+    stdout::print,
 };
 
 pub fn evaluate(args: &EvaluateArgs) -> Result<(), Failed> {
     let take = Take::open(&args.take)?;
-    let plan = take.last_plan()?;
-    let stage = args.stage.as_deref().map(stage_index).transpose()?.map(|index| STAGES[index].name);
-    let Some(folder) = &args.truth else { return agreement(args, &take, &plan, stage.unwrap_or("blend")) };
-    let truth = truth::read(folder)
-        .map_err(|error| Failed::input(error.to_string(), "give the gt/ folder of a capture: see docs/capture.md"))?;
-    let scores = match &args.strands {
-        Some(file) => {
-            let mut scores = Scores::default();
-            scores.add_sequence(&file.display().to_string(), &read_foreign(file)?, &take, &truth);
-            scores
-        }
-        None => score_take(&take, &plan, &truth, folder, stage)?,
-    };
-    print(&scores.text());
-    write_json(args.json.as_deref(), &scores)
-}
-
-/// Strands against orientation maps: without truth, how well what was reconstructed explains the images.
-fn agreement(args: &EvaluateArgs, take: &Take, plan: &Plan, stage: &str) -> Result<(), Failed> {
-    let sequence = match &args.strands {
-        Some(file) => read_foreign(file)?,
-        None => take.read_sequence(stage)?,
-    };
-    let mut table = Table::new(&["view", "frame", "error of all pixels, degrees", "of the most confident half"]);
-    let mut found = Vec::new();
-    let head = strandflow_core::TriMesh::default();
-    for (t, &frame) in sequence.frames.iter().enumerate() {
-        let frame = frame as usize;
-        if !plan.frames.contains(frame) || (t % sequence.frame_count().div_ceil(10)) != 0 {
-            continue;
-        }
-        for (view, camera) in take.rig().cameras.iter().enumerate() {
-            let Ok(map) = take.read_orientation(view, frame) else { continue };
-            let strands = (0..sequence.strand_count).map(|n| (n as u32, sequence.strand(t, n)));
-            let drawn = StrandView::draw(camera, strands, &head);
-            let scores = held_out_agreement(&drawn, &map.angle, &map.confidence);
-            table.row(
-                &camera.name,
-                [frame.to_string(), format!("{:.2}", scores.all.mean), format!("{:.2}", scores.confident_half.mean)],
-            );
-            found.push(serde_json::json!({ "view": camera.name, "frame": frame, "scores": scores }));
-        }
+    let scores = measure(args, &take)?;
+    if args.truth.is_none() && take.views().held_out().is_empty() {
+        eprintln!(
+            "note: no view was held out, so these views took part and flatter; hold one out with `strandflow new \
+             --hold-out VIEW` or `held_out = [\"VIEW\"]` in the manifest"
+        );
     }
-    print(&table.to_string());
-    write_json(args.json.as_deref(), &found)
+    print(&scores.text())?;
+    let Some(file) = &args.json else { return Ok(()) };
+    let text = serde_json::to_string_pretty(&scores).map_err(std::io::Error::other)?;
+    Ok(write_atomic(file, (text + "\n").as_bytes())?)
 }
 
-fn read_foreign(file: &Path) -> Result<StrandSequence, Failed> {
-    Ok(strandflow_io::strands::npz::read_npz(file)?.sequence)
+fn measure(args: &EvaluateArgs, take: &Take) -> Result<Scores, Failed> {
+    let plan = take.last_plan()?;
+    let stage = args.stage.as_deref().map(stage_index).transpose()?;
+    let given =
+        args.strands.as_deref().map(|file| Ok::<_, Failed>((name_of(file), foreign::read(file)?))).transpose()?;
+    if given.is_none() {
+        tell_of_outdated(take, &plan, stage.unwrap_or(STAGES.len() - 1))?;
+    }
+    let stage = stage.map(|index| STAGES[index].name);
+    let mut scores = match &args.truth {
+        None => Scores::default(),
+        Some(folder) => {
+            let truth = truth::read(folder).map_err(|error| {
+                Failed::input(error.to_string(), "give the gt/ folder of a capture: see docs/capture.md")
+            })?;
+            match &given {
+                Some((name, sequence)) => Scores::of_sequence(name, sequence, take, &truth),
+                None => score_take(take, &plan, &truth, folder, stage)?,
+            }
+        }
+    };
+    if args.truth.is_none() || !take.views().held_out().is_empty() {
+        scores.views = in_views(take, given.as_ref(), stage);
+    }
+    if scores.is_empty() {
+        return Err(nothing_to_score(args));
+    }
+    Ok(scores)
 }
 
-#[expect(clippy::print_stdout, reason = "the table is the data of evaluate")]
-fn print(text: &str) {
-    print!("{text}");
+fn nothing_to_score(args: &EvaluateArgs) -> Failed {
+    let what = args.stage.as_ref().map_or("the take".into(), |stage| format!("stage {stage}"));
+    let hint = match &args.truth {
+        None => "run `strandflow run TAKE` up to smooth, fit or blend; other stages are scored with --truth DIR/gt",
+        Some(_) => "run `strandflow run TAKE` first; the truth must be of the same frames",
+    };
+    Failed::input(format!("{what}: there is nothing to score"), hint)
 }
 
-fn write_json(file: Option<&Path>, scores: &impl serde::Serialize) -> Result<(), Failed> {
-    let Some(file) = file else { return Ok(()) };
-    let text = serde_json::to_string_pretty(scores).map_err(std::io::Error::other)?;
-    std::fs::write(file, text + "\n")
-        .map_err(|error| Failed::input(format!("{}: {error}", file.display()), "give a file that you may write to"))
+/// Strands in the views that were held out, or, where none was, in all.
+fn in_views(take: &Take, given: Option<&(String, StrandSequence)>, stage: Option<&str>) -> Vec<held_out::ViewScores> {
+    if let Some((name, sequence)) = given {
+        return held_out::score(name, sequence, take);
+    }
+    let stages = SEQUENCE_STAGES.iter().filter(|name| stage.is_none_or(|only| only == **name));
+    let read = stages.filter_map(|name| Some((*name, take.read_sequence(name).ok()?)));
+    read.flat_map(|(name, sequence)| held_out::score(name, &sequence, take)).collect()
+}
+
+fn name_of(file: &Path) -> String {
+    file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned()
 }

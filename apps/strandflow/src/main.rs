@@ -8,6 +8,8 @@ mod demo;
 mod evaluate;
 mod export;
 mod failure;
+mod foreign;
+mod held_out;
 mod new;
 mod overlay;
 mod progress;
@@ -15,6 +17,7 @@ mod run;
 mod score_table;
 mod scores;
 mod status;
+mod stdout;
 mod synth;
 
 use std::process::ExitCode;

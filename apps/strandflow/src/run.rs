@@ -11,7 +11,7 @@ use strandflow_engine::{
     stage_index,
 };
 
-use crate::{args::RunArgs, failure::Failed, progress::Progress};
+use crate::{args::RunArgs, failure::Failed, progress::Progress, stdout::print};
 
 pub fn run(args: &RunArgs) -> Result<(), Failed> {
     let options = options(args)?;
@@ -57,10 +57,10 @@ fn stop_on_ctrl_c() -> Arc<AtomicBool> {
     stop
 }
 
-#[expect(clippy::print_stdout, reason = "events are the data of --json")]
 fn print_json(event: &Event) {
     if let Ok(line) = serde_json::to_string(event) {
-        println!("{line}");
+        // Events that nobody can read must not cost a result.
+        let _ = print(&(line + "\n"));
     }
 }
 

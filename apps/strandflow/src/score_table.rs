@@ -5,12 +5,22 @@ use strandflow_eval::{
     volume::{LineScores, MotionScores},
 };
 
-use crate::scores::Scores;
+use crate::{held_out, scores::Scores};
 
 impl Scores {
     /// The tables that `evaluate` prints.
     pub fn text(&self) -> String {
-        [self.stages(), self.shapes(), self.motion()].into_iter().flatten().map(|table| format!("{table}\n")).collect()
+        let tables = [self.stages(), self.shapes(), self.motion(), self.in_views()];
+        tables.into_iter().flatten().map(|table| format!("{table}\n")).collect()
+    }
+
+    /// Whether nothing was scored.
+    pub fn is_empty(&self) -> bool {
+        self.text().is_empty()
+    }
+
+    fn in_views(&self) -> Option<Table> {
+        (!self.views.is_empty()).then(|| held_out::table(&self.views))
     }
 
     /// Stages before the strands: one figure a row.

@@ -17,7 +17,7 @@ use strandflow_eval::{
 };
 use strandflow_geometry::polyline;
 
-use crate::failure::Failed;
+use crate::{failure::Failed, held_out::ViewScores};
 
 /// Frames on which maps and lines are scored, evenly chosen.
 const IMAGE_FRAMES: usize = 10;
@@ -49,7 +49,12 @@ pub struct Scores {
     pub strands: Vec<(String, StrandScores)>,
     /// Strands in motion, per stage.
     pub dynamics: Vec<(String, DynamicsScores)>,
+    /// Strands in views that were held out; without truth and where none was, in all views.
+    pub views: Vec<ViewScores>,
 }
+
+/// Stages whose result is strands of fixed topology.
+pub const SEQUENCE_STAGES: [&str; 3] = ["smooth", "fit", "blend"];
 
 /// Scores what a take has, or one stage of it.
 pub fn score_take(
@@ -71,9 +76,11 @@ pub fn score_take(
             .iter()
             .filter_map(|&frame| {
                 let hull = take.read_hull(frame).ok()?;
+                // The hull is of the views that take part: so is the one it is compared with.
                 let masks = true_masks(take, &folder.join("mask_subject"), frame).unwrap_or_default();
+                let part: Vec<&Mask> = take.views().taking_part().iter().filter_map(|&view| masks.get(view)).collect();
                 let t = truth.at(frame as u32)?;
-                Some((frame, evaluate_hull(&hull, truth, t, take.rig(), &masks.iter().collect::<Vec<_>>())))
+                Some((frame, evaluate_hull(&hull, truth, t, take.views().rig(), &part)))
             })
             .collect();
     }
@@ -123,7 +130,7 @@ pub fn score_take(
             scores.strands.push((stage.to_owned(), found));
         }
     }
-    for stage in ["smooth", "fit", "blend"] {
+    for stage in SEQUENCE_STAGES {
         if wanted(stage)
             && let Ok(sequence) = take.read_sequence(stage)
         {
@@ -134,6 +141,13 @@ pub fn score_take(
 }
 
 impl Scores {
+    /// Scores strands from elsewhere.
+    pub fn of_sequence(name: &str, sequence: &StrandSequence, take: &Take, truth: &Truth) -> Self {
+        let mut scores = Self::default();
+        scores.add_sequence(name, sequence, take, truth);
+        scores
+    }
+
     /// Scores one sequence as shapes and in motion.
     pub fn add_sequence(&mut self, name: &str, sequence: &StrandSequence, take: &Take, truth: &Truth) {
         let found = evaluate_strands(sequence, truth, take.rig(), &StrandSampling::default());

@@ -77,6 +77,43 @@ fn a_mask_that_empties_the_hull_is_an_error_of_the_hull() {
 }
 
 #[test]
+fn a_folder_that_begins_late_is_not_taken_for_another_clip() {
+    let root = tempfile::tempdir().unwrap();
+    let (capture, take) = take(root.path());
+    std::fs::remove_file(capture.join("images/cam0/000000.png")).unwrap();
+    assert_bad_input(&strandflow(&["run", text(&take), "--to", "masks"]), &["cam0", "frame 0", "begin at number 1"]);
+}
+
+#[test]
+fn unreadable_plates_and_masks_are_named_with_their_view() {
+    let root = tempfile::tempdir().unwrap();
+    let (capture, take) = take(root.path());
+    let plate = capture.join("clean/cam1.png");
+    let whole = std::fs::read(&plate).unwrap();
+    std::fs::write(&plate, "no image").unwrap();
+    assert_bad_input(&strandflow(&["run", text(&take), "--to", "masks"]), &["clean/cam1.png", "view cam1"]);
+    std::fs::write(&plate, whole).unwrap();
+    std::fs::write(capture.join("user/hair_masks/cam2/000000.png"), "no image").unwrap();
+    let run = strandflow(&["run", text(&take), "--to", "masks"]);
+    assert_bad_input(&run, &["hair_masks/cam2/000000.png", "view cam2, frame 0"]);
+}
+
+#[test]
+fn labels_outside_the_image_and_of_no_number_are_named() {
+    let root = tempfile::tempdir().unwrap();
+    let (capture, take) = take(root.path());
+    let labels = common::labels(7);
+    let first = labels.find("\"cam1\": [").unwrap() + "\"cam1\": [".len();
+    let end = first + labels[first..].find(',').unwrap();
+    let with = |number: &str| format!("{}{number}{}", &labels[..first], &labels[end..]);
+    common::write(&capture.join("user/marker_labels.json"), &with("900.0"));
+    let run = strandflow(&["run", text(&take)]);
+    assert_bad_input(&run, &["marker_labels.json", "view cam1, frame 0", "marker 0", "64×48"]);
+    common::write(&capture.join("user/marker_labels.json"), &with("NaN"));
+    assert_bad_input(&strandflow(&["run", text(&take)]), &["marker_labels.json:1", "non-finite number NaN"]);
+}
+
+#[test]
 fn fewer_than_five_markers_are_counted() {
     let root = tempfile::tempdir().unwrap();
     let (capture, take) = take(root.path());
@@ -96,6 +133,36 @@ fn a_number_that_is_not_finite_is_an_error() {
     assert_ne!(calibration, common::calibration());
     common::write(&capture.join("calibration.json"), &calibration);
     assert_bad_input(&strandflow(&["run", text(&take)]), &["calibration.json"]);
+}
+
+#[test]
+fn stages_run_on_results_that_are_out_of_date_only_with_a_warning() {
+    let root = tempfile::tempdir().unwrap();
+    let (_, take) = take(root.path());
+    assert!(strandflow(&["run", text(&take), "--to", "hull"]).status.success());
+    let quiet = strandflow(&["run", text(&take), "--from", "hull", "--to", "hull"]);
+    assert!(!stderr(&quiet).contains("warning"), "{}", stderr(&quiet));
+    let manifest = std::fs::read_to_string(take.join("strandflow.toml")).unwrap();
+    let changed = "\n[settings.masks]\nhair_threshold_that_is_none = 1\n";
+    std::fs::write(take.join("strandflow.toml"), manifest.clone() + changed).unwrap();
+    assert_bad_input(&strandflow(&["run", text(&take)]), &["strandflow.toml", "hair_threshold_that_is_none"]);
+    std::fs::write(take.join("strandflow.toml"), manifest).unwrap();
+    let run = strandflow(&["run", text(&take), "--from", "hull", "--to", "hull", "--mode", "paper"]);
+    assert!(stderr(&run).contains("warning: --from") && stderr(&run).contains("masks/masks: 12 stale of 12"));
+}
+
+#[test]
+fn a_view_held_out_must_be_one() {
+    let root = tempfile::tempdir().unwrap();
+    let (capture, take) = take(root.path());
+    let other = root.path().join("other");
+    let new = strandflow(&["new", text(&other), "--capture", text(&capture), "--hold-out", "cam7"]);
+    assert_bad_input(&new, &["cam7"]);
+    assert!(!other.exists());
+    let manifest = std::fs::read_to_string(take.join("strandflow.toml")).unwrap();
+    let manifest = manifest.replace("# held_out = [\"cam03\"]", "held_out = [\"cam0\", \"cam1\"]");
+    std::fs::write(take.join("strandflow.toml"), manifest).unwrap();
+    assert_bad_input(&strandflow(&["run", text(&take)]), &["held_out", "1 views"]);
 }
 
 #[test]

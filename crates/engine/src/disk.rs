@@ -13,11 +13,10 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), EngineError> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(fail)?;
     }
-    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    // The name is fixed, so that what a killed run leaves is taken up by the run that writes the file again.
-    let temporary = path.with_file_name(format!(".{name}.tmp"));
-    std::fs::write(&temporary, bytes).map_err(fail)?;
-    std::fs::rename(&temporary, path).map_err(fail)
+    strandflow_io::write_bytes(path, bytes).map_err(|error| match error {
+        strandflow_io::IoError::System { cause, .. } => EngineError::disk(path, cause),
+        other => other.into(),
+    })
 }
 
 /// Reads a text file.

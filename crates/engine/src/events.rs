@@ -3,7 +3,7 @@
 use serde::Serialize;
 use strandflow_core::Finding;
 
-use crate::store::Failure;
+use crate::{status::PhaseStatus, store::Failure};
 
 /// How a work item ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -23,6 +23,12 @@ pub enum Outcome {
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
+    /// The run begins after the first stage, and stages before it are not up to date: what it makes rests on them as
+    /// they are.
+    Outdated {
+        /// Their phases that are not done.
+        phases: Vec<PhaseStatus>,
+    },
     /// A phase begins.
     PhaseStarted {
         /// `stage/phase`.
@@ -57,5 +63,22 @@ pub enum Event {
         secs: f64,
         /// Largest resident memory during the phase \[MB\]; `None` where the system does not tell.
         peak_mb: Option<f64>,
+    },
+    /// The run ended. The last event, unless the results cannot be written at all.
+    Ended {
+        /// Whether everything that was asked for is there.
+        complete: bool,
+        /// Whether it was asked to stop.
+        interrupted: bool,
+        /// Items computed.
+        done: usize,
+        /// Items that were there already.
+        fresh: usize,
+        /// Items that failed.
+        failed: usize,
+        /// Items that something was missing for.
+        blocked: usize,
+        /// Wall-clock seconds.
+        secs: f64,
     },
 }

@@ -16,6 +16,7 @@ pub struct ViewFiles {
     path: PathBuf,
     /// Images by frame, the lowest number being frame 0; `None` for a video.
     images: Option<BTreeMap<usize, PathBuf>>,
+    first: usize,
 }
 
 impl ViewFiles {
@@ -41,7 +42,7 @@ impl ViewFiles {
         }
         let first = images.as_ref().and_then(|images| images.keys().next().copied()).unwrap_or(0);
         let images = images.map(|images| images.into_iter().map(|(number, file)| (number - first, file)).collect());
-        Ok(Self { name: name.to_owned(), path, images })
+        Ok(Self { name: name.to_owned(), path, images, first })
     }
 
     /// The file that holds a frame.
@@ -57,6 +58,11 @@ impl ViewFiles {
             fact: "the frame is missing".into(),
             hint: "copy the missing image into the folder, or give only frames that are there in the manifest".into(),
         })
+    }
+
+    /// The number in the name of frame 0; 0 for a video.
+    pub fn first_number(&self) -> usize {
+        self.first
     }
 
     /// The video or folder.
@@ -79,6 +85,14 @@ fn of_pattern(pattern: &Path) -> Result<BTreeMap<usize, PathBuf>, EngineError> {
 /// # Errors
 /// `Input` where two images have the same number or an image has none.
 pub fn numbered_images(folder: &Path) -> Result<BTreeMap<usize, PathBuf>, EngineError> {
+    numbered(folder, is_image)
+}
+
+/// The files of a folder that are `wanted`, by the number in their name; none where the folder does not exist.
+///
+/// # Errors
+/// `Input` where two have the same number or one has none.
+pub fn numbered(folder: &Path, wanted: impl Fn(&Path) -> bool) -> Result<BTreeMap<usize, PathBuf>, EngineError> {
     let mut files = BTreeMap::new();
     if !folder.is_dir() {
         return Ok(files);
@@ -86,7 +100,7 @@ pub fn numbered_images(folder: &Path) -> Result<BTreeMap<usize, PathBuf>, Engine
     for entry in std::fs::read_dir(folder).map_err(|e| EngineError::disk(folder, e))? {
         let path = entry.map_err(|e| EngineError::disk(folder, e))?.path();
         let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-        if !is_image(&path) || stem.starts_with('.') {
+        if !wanted(&path) || stem.starts_with('.') {
             continue;
         }
         let start = stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();

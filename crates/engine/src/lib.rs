@@ -21,10 +21,12 @@ pub mod run;
 pub mod scaffold;
 pub mod settings;
 pub mod sources;
+pub mod stage_strands;
 pub mod status;
 pub mod store;
 pub mod table;
 pub mod take;
+pub mod views;
 
 pub use error::EngineError;
 pub use events::{Event, Outcome};
@@ -37,3 +39,4 @@ pub use settings::Settings;
 pub use status::status;
 pub use table::{Job, STAGES, stage_index};
 pub use take::Take;
+pub use views::Views;

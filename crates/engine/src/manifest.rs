@@ -28,6 +28,9 @@ pub struct Manifest {
     /// Seed of everything that is drawn by chance.
     #[serde(default)]
     pub seed: u64,
+    /// Names of views that take no part in the reconstruction: `evaluate` judges the strands by their images.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub held_out: Vec<String>,
     /// The calibration.
     pub calibration: CalibrationFile,
     /// The views, in the order in which per-view arrays are stored.

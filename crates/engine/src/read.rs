@@ -236,7 +236,12 @@ impl Take {
     }
 
     /// Particles of each strand; after `blend` the largest over the frames.
-    fn read_counts(&self, stage: &str, frames: FrameRange, strands: Range<usize>) -> Result<Vec<u16>, EngineError> {
+    pub(crate) fn read_counts(
+        &self,
+        stage: &str,
+        frames: FrameRange,
+        strands: Range<usize>,
+    ) -> Result<Vec<u16>, EngineError> {
         let path = format!("{stage}/counts");
         if stage != "blend" {
             return self.store().read(&path, &[strands]);

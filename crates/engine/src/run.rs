@@ -17,6 +17,7 @@ use crate::{
     events::{Event, Outcome},
     item::Item,
     memory,
+    status::status_before,
     store::{Failure, Record, Writer},
     table::{Job, Phase, STAGES, Stage},
 };
@@ -86,6 +87,19 @@ impl Summary {
     pub fn complete(&self) -> bool {
         !self.interrupted && self.phases.iter().all(|phase| phase.failed == 0 && phase.blocked == 0)
     }
+
+    fn ended(&self, secs: f64) -> Event {
+        let sum = |of: fn(&PhaseSummary) -> usize| self.phases.iter().map(of).sum();
+        Event::Ended {
+            complete: self.complete(),
+            interrupted: self.interrupted,
+            done: sum(|phase| phase.done),
+            fresh: sum(|phase| phase.fresh),
+            failed: sum(|phase| phase.failed),
+            blocked: sum(|phase| phase.blocked),
+            secs,
+        }
+    }
 }
 
 /// Runs the stages of `options` on the frames of `plan`. `stop` is looked at between items; `audience` is told of
@@ -100,12 +114,18 @@ pub fn run(
     stop: &AtomicBool,
     audience: &(dyn Fn(&Event) + Sync),
 ) -> Result<Summary, EngineError> {
+    let start = Instant::now();
     take.write_resolved(plan)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(options.threads.max(1))
         .build()
         .map_err(|error| EngineError::disk(take.root(), error))?;
     let log = Log::open(take)?;
+    let mut outdated = status_before(take, plan, options.from)?;
+    outdated.retain(|phase| !phase.is_done());
+    if !outdated.is_empty() {
+        audience(&Event::Outdated { phases: outdated });
+    }
     let runner = Runner { job: Job { take, plan }, pool, options, stop, audience, log };
     let mut summary = Summary::default();
     for stage in &STAGES[options.from..=options.to] {
@@ -117,6 +137,7 @@ pub fn run(
         }
     }
     summary.interrupted = stop.load(Ordering::Relaxed);
+    audience(&summary.ended(start.elapsed().as_secs_f64()));
     Ok(summary)
 }
 

@@ -8,7 +8,7 @@ use crate::{EngineError, disk, manifest::MANIFEST};
 ///
 /// # Errors
 /// `Input` where the take exists already or the capture lacks something.
-pub fn new_take(take: &Path, capture: &Path) -> Result<PathBuf, EngineError> {
+pub fn new_take(take: &Path, capture: &Path, held_out: &[String]) -> Result<PathBuf, EngineError> {
     let manifest = take.join(MANIFEST);
     if manifest.exists() {
         let hint = "give another folder, or correct the manifest that is there";
@@ -18,7 +18,12 @@ pub fn new_take(take: &Path, capture: &Path) -> Result<PathBuf, EngineError> {
         EngineError::input(capture.display().to_string(), error.to_string(), "give the folder of the capture")
     })?;
     let found = look(&capture)?;
-    disk::write_atomic(&manifest, text(&capture, &found).as_bytes())?;
+    if let Some(name) = held_out.iter().find(|name| !found.views.iter().any(|view| view.0 == **name)) {
+        let names: Vec<&str> = found.views.iter().map(|view| view.0.as_str()).collect();
+        let fact = format!("--hold-out {name}: there is no such view");
+        return Err(EngineError::input(capture.display().to_string(), fact, format!("views: {}", names.join(", "))));
+    }
+    disk::write_atomic(&manifest, text(&capture, &found, held_out).as_bytes())?;
     Ok(manifest)
 }
 
@@ -99,7 +104,7 @@ fn views_of(capture: &Path) -> Result<Vec<(String, PathBuf, PathBuf)>, EngineErr
         .collect()
 }
 
-fn text(capture: &Path, found: &Found) -> String {
+fn text(capture: &Path, found: &Found, held_out: &[String]) -> String {
     let quoted = |path: &Path| toml::Value::String(path.display().to_string()).to_string();
     let mut text = format!(
         "# The take of {}. Lengths are millimetres, times seconds. Paths are absolute or relative to this file.\n\n\
@@ -107,11 +112,16 @@ fn text(capture: &Path, found: &Found) -> String {
          # Gravity in world coordinates [mm/s²].\ngravity = {:?}\n\
          # Frames to work on, first..one past the last; all frames of the sources without it.\n# frames = \"0..30\"\n\
          # `robust` (measures best) or `paper` (the letter of the paper).\nmode = \"robust\"\n\
-         # Seed of everything that is drawn by chance.\nseed = 1\n",
+         # Seed of everything that is drawn by chance.\nseed = 1\n\
+         # Views that take no part in the reconstruction, so that `evaluate` can judge the strands by them.\n",
         capture.display(),
         found.fps,
         found.gravity,
     );
+    text += &match held_out {
+        [] => "# held_out = [\"cam03\"]\n".to_owned(),
+        names => format!("held_out = {}\n", toml::Value::from(names.to_vec())),
+    };
     for note in &found.assumed {
         text += &format!("# Assumed: {note}\n");
     }

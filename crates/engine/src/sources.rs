@@ -10,7 +10,7 @@ use strandflow_core::{FrameRange, ImageSource, Mask, RgbImage, Rig};
 use strandflow_io::{IoError, TakeSource, ViewInput};
 
 use crate::{
-    EngineError, Manifest,
+    EngineError, Manifest, Views,
     footage::{ViewFiles, numbered_images},
 };
 
@@ -19,8 +19,7 @@ pub type NumberedMarker = (u32, BTreeMap<usize, [f64; 2]>);
 
 impl From<IoError> for EngineError {
     fn from(error: IoError) -> Self {
-        let hint = error.hint();
-        Self::Input { subject: error.file().display().to_string(), fact: error.to_string(), hint }
+        Self::Input { subject: error.place(), fact: error.fact(), hint: error.hint() }
     }
 }
 
@@ -52,7 +51,7 @@ impl Sources {
     ///
     /// # Errors
     /// `Input` where one is missing, a clip has another length or size than the others, or masks are of no view.
-    pub fn open(root: &Path, manifest: &Manifest, rig: &Rig) -> Result<Self, EngineError> {
+    pub fn open(root: &Path, manifest: &Manifest, rig: &Rig, views: &Views) -> Result<Self, EngineError> {
         let names: Vec<String> = manifest.views.iter().map(|view| view.name.clone()).collect();
         let inputs: Vec<(String, ViewInput)> =
             manifest.views.iter().map(|view| (view.name.clone(), ViewInput::of(&root.join(&view.source)))).collect();
@@ -72,7 +71,7 @@ impl Sources {
         };
         let sources = Self { images, files, names, plates, labels, hairs, subjects, frames };
         // Labels are read again by the stage; looked at now, so that hours of masks do not come before the error.
-        sources.labels(rig, frames.start)?;
+        sources.labels(views.rig(), frames.start)?;
         sources.must_begin_with_hair(frames.start)?;
         Ok(sources)
     }
@@ -105,7 +104,7 @@ impl Sources {
     /// # Errors
     /// `Input` where it cannot be read or has another size than the camera.
     pub fn plate(&self, view: usize, rig: &Rig) -> Result<Arc<RgbImage>, EngineError> {
-        let image = strandflow_io::read_rgb(&self.plates[view])?;
+        let image = strandflow_io::read_rgb(&self.plates[view]).map_err(|error| self.of_view(&error, view))?;
         self.must_fit((image.width, image.height), &self.plates[view], view, rig)?;
         Ok(Arc::new(image))
     }
@@ -115,7 +114,7 @@ impl Sources {
         &self.labels
     }
 
-    /// Marker labels of the take's first frame by view index: (number, image points).
+    /// Marker labels of the take's first frame by view index in `rig`: (number, image points).
     ///
     /// # Errors
     /// `Input` where the file cannot be read, is of another frame, names views that are not there, or holds fewer than
@@ -136,9 +135,16 @@ impl Sources {
             let mut views = BTreeMap::new();
             for (view, point) in marker.views {
                 // Labels of views that the take leaves out are of no use, and of no harm.
-                if let Some(at) = rig.view_named(&view) {
-                    views.insert(at, point);
+                let Some(at) = rig.view_named(&view) else { continue };
+                let camera = &rig.cameras[at];
+                if !in_image(point, [camera.width, camera.height]) {
+                    let size = format!("{}×{}", camera.width, camera.height);
+                    let fact = format!("marker {} is at {point:?}, outside the image of {size} pixels", marker.id);
+                    let hint =
+                        "label it where the view shows it, in pixels of the footage; leave out views that do not";
+                    return Err(EngineError::input(format!("{name}, view {view}, frame {first}"), fact, hint));
                 }
+                views.insert(at, point);
             }
             found.push((marker.id, views));
         }
@@ -180,14 +186,20 @@ impl Sources {
         rig: &Rig,
     ) -> Result<Option<Mask>, EngineError> {
         let Some(file) = file else { return Ok(None) };
-        let mask = strandflow_io::read_mask(&file)?;
-        self.must_fit((mask.width, mask.height), &file, view, rig).map_err(|error| match error {
+        let in_frame = |error: EngineError| match error {
             EngineError::Input { subject, fact, hint } => {
                 EngineError::Input { subject: format!("{subject}, frame {frame}"), fact, hint }
             }
             other => other,
-        })?;
+        };
+        let mask = strandflow_io::read_mask(&file).map_err(|error| in_frame(self.of_view(&error, view)))?;
+        self.must_fit((mask.width, mask.height), &file, view, rig).map_err(in_frame)?;
         Ok(Some(mask))
+    }
+
+    /// The error of a view's file, with the view.
+    fn of_view(&self, error: &IoError, view: usize) -> EngineError {
+        EngineError::input(format!("{}, view {}", error.place(), self.names[view]), error.fact(), error.hint())
     }
 
     fn must_fit(&self, (w, h): (usize, usize), file: &Path, view: usize, rig: &Rig) -> Result<(), EngineError> {
@@ -219,7 +231,8 @@ fn frames_of(
         }
         None => None,
     };
-    let frames = stated.unwrap_or(FrameRange { start: 0, end: infos.first().map_or(0, |info| info.frame_count) });
+    let counts: Vec<usize> = infos.iter().map(|info| info.frame_count).collect();
+    let frames = stated.unwrap_or(FrameRange { start: 0, end: most_common(&counts) });
     for (v, info) in infos.iter().enumerate() {
         let place =
             |frame: usize| format!("{}, view {}, frame {frame}", files[v].path().display(), rig.cameras[v].name);
@@ -233,6 +246,14 @@ fn frames_of(
             return Err(EngineError::input(place(frames.start), fact, hint));
         }
         if info.frame_count < frames.end || (stated.is_none() && info.frame_count != frames.end) {
+            let (first, others) =
+                (files[v].first_number(), files.iter().map(ViewFiles::first_number).min().unwrap_or(0));
+            if first > others {
+                // Frame 0 is the lowest number of a folder: without its first images a view would be out of step.
+                let fact = format!("the images begin at number {first}, those of other views at {others}");
+                let hint = "copy the missing first images into the folder, or number the images of all views alike";
+                return Err(EngineError::input(place(0), fact, hint));
+            }
             let fact = format!("has {} frames, the take {}", info.frame_count, frames.end);
             let hint =
                 "cut the clips to equal length, or give the frames that all have in the manifest: frames = \"A..B\"";
@@ -241,6 +262,16 @@ fn frames_of(
         (frames.start..frames.end).try_for_each(|frame| files[v].file(frame).map(|_| ()))?;
     }
     Ok(frames)
+}
+
+/// The number that most have, the largest of several: the clip that differs is at fault, not the first in the list.
+fn most_common(counts: &[usize]) -> usize {
+    let times = |n: usize| counts.iter().filter(|count| **count == n).count();
+    counts.iter().copied().max_by_key(|&n| (times(n), n)).unwrap_or(0)
+}
+
+fn in_image(point: [f64; 2], size: [usize; 2]) -> bool {
+    point.iter().zip(size).all(|(x, side)| (0.0..=side as f64).contains(x))
 }
 
 fn must_exist(path: &Path, view: &str, what: &str) -> Result<(), EngineError> {

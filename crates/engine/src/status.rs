@@ -1,6 +1,9 @@
 //! What is done, stale, missing or failed, and why; looks, and changes nothing.
 
-use std::collections::{BTreeMap, HashSet};
+use std::{
+    collections::{BTreeMap, HashSet},
+    fmt,
+};
 
 use serde::Serialize;
 
@@ -44,15 +47,45 @@ pub struct PhaseStatus {
     pub reasons: BTreeMap<String, usize>,
 }
 
+impl PhaseStatus {
+    /// Whether everything is there and rests on what is there now.
+    pub fn is_done(&self) -> bool {
+        self.items > 0 && self.done == self.items
+    }
+}
+
+impl fmt::Display for PhaseStatus {
+    /// What is not done, with the commonest reason.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let parts = [(self.stale, "stale"), (self.missing, "missing"), (self.failed, "failed")];
+        let parts: Vec<String> =
+            parts.into_iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+        let parts = if parts.is_empty() { "not begun".to_owned() } else { parts.join(", ") };
+        write!(f, "{}: {parts} of {}", self.phase, self.items)?;
+        match self.reasons.iter().max_by_key(|(_, count)| **count) {
+            Some((reason, _)) => write!(f, " ({reason})"),
+            None => Ok(()),
+        }
+    }
+}
+
 /// The state of all phases under a plan.
 ///
 /// # Errors
 /// `Disk` where a file of the user cannot be read.
 pub fn status(take: &Take, plan: &Plan) -> Result<Vec<PhaseStatus>, EngineError> {
+    status_before(take, plan, STAGES.len())
+}
+
+/// The state of the phases of the first stages, as many as `count`.
+///
+/// # Errors
+/// As [`status`].
+pub fn status_before(take: &Take, plan: &Plan, count: usize) -> Result<Vec<PhaseStatus>, EngineError> {
     let job = Job { take, plan };
     let mut unfinished = HashSet::new();
     let mut phases = Vec::new();
-    for stage in &STAGES {
+    for stage in &STAGES[..count] {
         for phase in stage.phases {
             phases.push(phase_status(&job, stage, phase, &mut unfinished)?);
         }

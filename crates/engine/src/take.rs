@@ -8,6 +8,7 @@ use strandflow_stages::Mode;
 
 use crate::{
     EngineError, Manifest, Plan, disk, item::BLOCK_STRANDS, needs::Identities, sources::Sources, store::Store,
+    views::Views,
 };
 
 /// Name of the results store within a take.
@@ -20,6 +21,7 @@ pub struct Take {
     root: PathBuf,
     manifest: Manifest,
     rig: Rig,
+    views: Views,
     store: Store,
     sources: Sources,
     identities: Identities,
@@ -33,9 +35,10 @@ impl Take {
     pub fn open(root: &Path) -> Result<Self, EngineError> {
         let manifest = Manifest::read(root)?;
         let rig = crate::sources::read_rig(root, &manifest)?;
-        let sources = Sources::open(root, &manifest, &rig)?;
+        let views = Views::of(&manifest, &rig)?;
+        let sources = Sources::open(root, &manifest, &rig, &views)?;
         let store = Store::open(&root.join(RESULTS))?;
-        Ok(Self { root: root.to_owned(), manifest, rig, store, sources, identities: Identities::default() })
+        Ok(Self { root: root.to_owned(), manifest, rig, views, store, sources, identities: Identities::default() })
     }
 
     /// The take's folder.
@@ -51,6 +54,11 @@ impl Take {
     /// The cameras, in the order of the views.
     pub fn rig(&self) -> &Rig {
         &self.rig
+    }
+
+    /// Which views take part, and which are held out.
+    pub fn views(&self) -> &Views {
+        &self.views
     }
 
     /// The results.

@@ -85,6 +85,35 @@ pub fn held_out_agreement(drawn: &StrandView, angle: &Plane<f32>, confidence: &P
     evaluate_orientation(&[(angle, confidence)], std::slice::from_ref(drawn))
 }
 
+/// How far the strands that a view would see cover the hair that it does see.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CoverageScores {
+    /// Pixels of both over pixels of either.
+    pub iou: f64,
+    /// Share of the hair's pixels on which a strand is drawn.
+    pub hair_covered: f64,
+    /// Share of the strands' pixels that lie on hair.
+    pub strands_on_hair: f64,
+}
+
+/// Scores drawn strands against a hair mask of the same view and frame.
+///
+/// Strands are drawn two pixels wide: where they stand farther apart than that the hair between them counts as not covered.
+pub fn coverage(drawn: &StrandView, hair: &Mask) -> CoverageScores {
+    let pixels = drawn.strand.data.iter().zip(&hair.data).map(|(n, h)| (*n != NO_STRAND, *h >= INSIDE));
+    let (mut both, mut strand, mut on_hair) = (0, 0, 0);
+    for (drawn, hair) in pixels {
+        both += usize::from(drawn && hair);
+        strand += usize::from(drawn);
+        on_hair += usize::from(hair);
+    }
+    CoverageScores {
+        iou: share(both, strand + on_hair - both),
+        hair_covered: share(both, on_hair),
+        strands_on_hair: share(both, strand),
+    }
+}
+
 /// Confidence and error \[degrees\] of each pixel that has both.
 fn errors(angle: &Plane<f32>, confidence: &Plane<f32>, view: &StrandView) -> Vec<(f32, f64)> {
     let pixels = angle.data.iter().zip(&confidence.data).zip(view.angle.data.iter().zip(&view.strand.data));
@@ -113,6 +142,19 @@ mod tests {
         assert!((mask_iou(&a, &b) - 30.0 / 50.0).abs() < 1e-12);
         let scores = evaluate_masks(&[vec![&a, &a]], &[vec![&a, &b]]);
         assert_eq!((scores.min, scores.mean), (0.6, 0.8));
+    }
+
+    #[test]
+    fn strands_over_half_of_the_hair() {
+        let drawn = StrandView {
+            depth: Plane::filled(10, 10, 1.0),
+            angle: Plane::filled(10, 10, 0.0),
+            strand: Plane::from_fn(10, 10, |x, _| if x < 4 { 7 } else { NO_STRAND }),
+        };
+        let hair = Plane::from_fn(10, 10, |x, _| if (1..7).contains(&x) { 200 } else { 0 });
+        let scores = coverage(&drawn, &hair);
+        let wanted = CoverageScores { iou: 3.0 / 7.0, hair_covered: 0.5, strands_on_hair: 0.75 };
+        assert_eq!(scores, wanted);
     }
 
     #[test]

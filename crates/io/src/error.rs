@@ -104,6 +104,31 @@ impl IoError {
         }
     }
 
+    /// The same error, with the view whose file it is.
+    pub fn in_view(mut self, view: &str) -> Self {
+        if let Self::Content { at, .. } = &mut self {
+            at.view.get_or_insert_with(|| view.to_owned());
+        }
+        self
+    }
+
+    /// File, line, view and frame.
+    pub fn place(&self) -> String {
+        match self {
+            Self::Content { file, at, .. } => format!("{}{at}", file.display()),
+            _ => self.file().display().to_string(),
+        }
+    }
+
+    /// What is the case, without the place.
+    pub fn fact(&self) -> String {
+        match self {
+            Self::Content { fact, .. } => fact.clone(),
+            Self::System { action, cause, .. } => format!("cannot {action}: {cause}"),
+            Self::Program { program, .. } => format!("the program `{program}`, which reads it, was not found"),
+        }
+    }
+
     /// Something wrong with what a file holds.
     pub fn content(file: &Path, at: At, fact: impl Into<String>, hint: impl Into<String>) -> Self {
         Self::Content { file: file.to_owned(), at: Box::new(at), fact: fact.into(), hint: hint.into() }
@@ -130,4 +155,18 @@ pub(crate) fn read_text(file: &Path) -> Result<String, IoError> {
     let bytes = std::fs::read(file).map_err(IoError::reading(file))?;
     String::from_utf8(bytes)
         .map_err(|_| IoError::content(file, At::FILE, "is not a text file (UTF-8)", "check that it is the right file"))
+}
+
+/// What is wrong with a file of JSON, with the line. Some programs write `NaN` and `Infinity`, which JSON has not: they are
+/// named, since "expected value" leaves the user searching.
+pub(crate) fn not_json(file: &Path, text: &str, cause: &serde_json::Error, what: &str, hint: &str) -> IoError {
+    let line = text.lines().nth(cause.line().saturating_sub(1)).unwrap_or_default();
+    let token = ["NaN", "Infinity"].into_iter().find(|token| line.contains(token));
+    match token.filter(|_| cause.is_syntax()) {
+        Some(token) => {
+            let fact = format!("holds the non-finite number {token}");
+            IoError::content(file, At::line(cause.line()), fact, "correct the number, or leave the entry out")
+        }
+        None => IoError::content(file, At::line(cause.line()), format!("is not {what}: {cause}"), hint),
+    }
 }

@@ -9,6 +9,7 @@ use crate::{
     IoError,
     error::At,
     exr_image::{is_exr, read_exr},
+    whole_file::write_bytes,
 };
 
 /// File name endings that are read as images.
@@ -104,7 +105,7 @@ fn write_png(path: &Path, w: usize, h: usize, bytes: &[u8], colour: image::Exten
     image::codecs::png::PngEncoder::new(&mut encoded)
         .write_image(bytes, w as u32, h as u32, colour)
         .map_err(|cause| IoError::writing(path)(std::io::Error::other(cause)))?;
-    std::fs::write(path, encoded).map_err(IoError::writing(path))
+    write_bytes(path, &encoded)
 }
 
 /// The images directly inside a folder, by name.

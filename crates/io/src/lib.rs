@@ -12,6 +12,7 @@ pub mod markers;
 pub mod source;
 pub mod strands;
 pub mod usd;
+pub mod whole_file;
 
 pub use calibration::{Calibration, read_calibration, rig_for_views};
 pub use error::{At, IoError};
@@ -19,10 +20,11 @@ pub use image_file::{read_mask, read_rgb, write_mask_png, write_rgb_png};
 pub use markers::{LabelledMarker, MarkerLabels, read_marker_labels};
 pub use source::{SourceInfo, TakeSource, ViewInput, probe};
 pub use strands::{
-    Interchange, InterchangeFrame,
+    Interchange, InterchangeFrame, StrandFrames,
     hair::{read_hair, write_hair},
     npz::{NpzStrands, read_npz, write_npz},
     ply::write_ply,
     usc_data::{read_usc_data, write_usc_data},
 };
 pub use usd::{UsdOptions, write_usd};
+pub use whole_file::write_bytes;

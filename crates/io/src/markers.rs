@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use crate::{
     IoError,
-    error::{At, read_text},
+    error::{At, not_json, read_text},
 };
 
 /// One marker, labelled in some views.
@@ -52,12 +52,8 @@ pub fn read_marker_labels(path: &Path) -> Result<MarkerLabels, IoError> {
 
 fn labels_from_json(path: &Path, text: &str) -> Result<MarkerLabels, IoError> {
     let file: LabelFile = serde_json::from_str(text).map_err(|cause| {
-        IoError::content(
-            path,
-            At::line(cause.line()),
-            format!("is not a file of marker labels: {cause}"),
-            r#"write {"frame": 0, "markers": [{"id": 0, "views": {"cam00": [u, v]}}]}"#,
-        )
+        let hint = r#"write {"frame": 0, "markers": [{"id": 0, "views": {"cam00": [u, v]}}]}"#;
+        not_json(path, text, &cause, "marker labels", hint)
     })?;
     let shift = crate::calibration::pixel_shift(path, file.pixel_convention.as_deref())?;
     let mut markers = BTreeMap::new();

@@ -90,9 +90,12 @@ impl TakeSource {
     /// # Errors
     /// A view's files cannot be read at all, or ffmpeg is missing. Gaps and mismatches are told by [`TakeSource::check`].
     pub fn open(views: &[(String, ViewInput)]) -> Result<Self, IoError> {
-        let open = |(name, input): &(String, ViewInput)| match input {
-            ViewInput::Video(path) => VideoSource::open(name, path).map(ViewSource::Video),
-            ViewInput::Folder(_) | ViewInput::Pattern(_) => FolderSource::open(name, input).map(ViewSource::Folder),
+        let open = |(name, input): &(String, ViewInput)| {
+            let view = match input {
+                ViewInput::Video(path) => VideoSource::open(name, path).map(ViewSource::Video),
+                ViewInput::Folder(_) | ViewInput::Pattern(_) => FolderSource::open(name, input).map(ViewSource::Folder),
+            };
+            view.map_err(|error| error.in_view(name))
         };
         let names = views.iter().map(|(name, _)| name.clone()).collect();
         Ok(Self { names, views: views.iter().map(open).collect::<Result<_, _>>()? })
@@ -190,12 +193,8 @@ impl ImageSource for TakeSource {
 
 /// The located form of a file's error.
 pub(crate) fn located(error: &IoError, view: &str, frame: usize) -> SourceError {
-    let fact = match error {
-        IoError::Content { fact, .. } => fact.clone(),
-        IoError::System { action, cause, .. } => format!("cannot {action}: {cause}"),
-        IoError::Program { .. } => error.to_string(),
-    };
-    SourceError { file: error.file().display().to_string(), view: view.to_owned(), frame, fact, hint: error.hint() }
+    let file = error.file().display().to_string();
+    SourceError { file, view: view.to_owned(), frame, fact: error.fact(), hint: error.hint() }
 }
 
 #[cfg(test)]

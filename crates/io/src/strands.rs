@@ -10,8 +10,12 @@
 //!
 //! All but `.npz` hold no missing points: see [`Interchange`].
 
+use std::{cell::RefCell, collections::BTreeMap, collections::VecDeque, rc::Rc};
+
 use glam::Vec3;
 use strandflow_core::{Provenance, StrandSequence};
+
+use crate::IoError;
 
 pub mod hair;
 pub mod npy;
@@ -19,17 +23,70 @@ pub mod npz;
 pub mod ply;
 pub mod usc_data;
 
+/// Strands of fixed topology that are read one frame at a time, so that a long take need not fit into memory.
+pub trait StrandFrames {
+    /// Frame numbers.
+    fn frames(&self) -> &[u32];
+
+    /// Particles of each strand over all frames (0: the strand is absent).
+    fn counts(&self) -> &[u16];
+
+    /// The largest particle count.
+    fn point_count(&self) -> usize;
+
+    /// The `t`-th frame as a sequence of one frame, with these counts.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    fn frame(&self, t: usize) -> Result<StrandSequence, IoError>;
+}
+
+impl StrandFrames for StrandSequence {
+    fn frames(&self) -> &[u32] {
+        &self.frames
+    }
+
+    fn counts(&self) -> &[u16] {
+        &self.counts
+    }
+
+    fn point_count(&self) -> usize {
+        self.point_count
+    }
+
+    fn frame(&self, t: usize) -> Result<StrandSequence, IoError> {
+        let size = self.strand_count * self.point_count;
+        let range = t * size..(t + 1) * size;
+        Ok(StrandSequence {
+            frames: vec![self.frames[t]],
+            counts: self.counts.clone(),
+            points: self.points[range.clone()].to_vec(),
+            provenance: self.provenance[range.clone()].to_vec(),
+            confidence: self.confidence[range].to_vec(),
+            ..*self
+        })
+    }
+}
+
 /// A sequence as programs without a notion of missing points take it: the same strands with the same particles in every
 /// frame, every position a number.
 ///
 /// A strand takes part if it has two particles or more and a position anywhere in time. A particle that a frame lacks
 /// stands at the strand's nearest particle that the frame has; a strand that a frame lacks stands as in the nearest frame
 /// that has it. Such points are marked `Missing` with confidence 0.
+///
+/// Memory: a few frames, and one bit a strand and frame.
 pub struct Interchange<'a> {
-    sequence: &'a StrandSequence,
+    source: &'a dyn StrandFrames,
     /// The numbers of the strands that take part, rising.
     pub strands: Vec<u32>,
+    /// By frame, which strands have a position.
+    present: Vec<Bits>,
+    kept: RefCell<VecDeque<(usize, Rc<StrandSequence>)>>,
 }
+
+/// Frames kept: the one asked for with its neighbours (for velocities), and one from which a gap is filled.
+const KEPT_FRAMES: usize = 4;
 
 /// One frame of an [`Interchange`], strands one after the other, root first.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -43,55 +100,118 @@ pub struct InterchangeFrame {
 }
 
 impl<'a> Interchange<'a> {
-    /// The strands of a sequence that take part.
-    pub fn new(sequence: &'a StrandSequence) -> Self {
-        let somewhere = |n: usize| (0..sequence.frame_count()).any(|t| present(sequence, t, n));
-        let strands = (0..sequence.strand_count).filter(|&n| sequence.counts[n] >= 2 && somewhere(n));
-        Self { sequence, strands: strands.map(|n| n as u32).collect() }
+    /// The strands of a sequence that take part; reads every frame once.
+    ///
+    /// # Errors
+    /// A frame cannot be read.
+    pub fn new(source: &'a dyn StrandFrames) -> Result<Self, IoError> {
+        let counts = source.counts();
+        let mut present = Vec::with_capacity(source.frames().len());
+        let mut somewhere = vec![false; counts.len()];
+        for t in 0..source.frames().len() {
+            let frame = source.frame(t)?;
+            let mut bits = Bits::new(counts.len());
+            for n in (0..counts.len()).filter(|&n| frame.range(0, n).any(|at| is_known(&frame, at))) {
+                bits.set(n);
+                somewhere[n] = true;
+            }
+            present.push(bits);
+        }
+        let strands = (0..counts.len()).filter(|&n| counts[n] >= 2 && somewhere[n]).map(|n| n as u32).collect();
+        Ok(Self { source, strands, present, kept: RefCell::default() })
     }
 
     /// Frame numbers.
     pub fn frames(&self) -> &'a [u32] {
-        &self.sequence.frames
+        self.source.frames()
     }
 
     /// Particles of each strand that takes part.
     pub fn counts(&self) -> Vec<u32> {
-        self.strands.iter().map(|&n| u32::from(self.sequence.counts[n as usize])).collect()
+        self.strands.iter().map(|&n| u32::from(self.source.counts()[n as usize])).collect()
     }
 
     /// The `t`-th frame.
-    pub fn frame(&self, t: usize) -> InterchangeFrame {
-        let mut frame = InterchangeFrame::default();
+    ///
+    /// # Errors
+    /// It, or a frame from which a gap is filled, cannot be read.
+    pub fn frame(&self, t: usize) -> Result<InterchangeFrame, IoError> {
+        // Strands by the frame that has them: each such frame is read once, however many strands come from it.
+        let mut from: BTreeMap<usize, Vec<(usize, usize)>> = BTreeMap::new();
+        let mut size = 0;
         for &strand in &self.strands {
-            self.push_strand(&mut frame, t, strand as usize);
+            let strand = strand as usize;
+            from.entry(self.nearest(t, strand)).or_default().push((strand, size));
+            size += usize::from(self.source.counts()[strand]);
         }
-        frame
+        let mut frame = InterchangeFrame {
+            points: vec![Vec3::ZERO; size],
+            provenance: vec![Provenance::Missing; size],
+            confidence: vec![0.0; size],
+        };
+        for (source, strands) in from {
+            let sequence = self.load(source)?;
+            for (strand, start) in strands {
+                put_strand(&mut frame, start, &sequence, strand, source == t);
+            }
+        }
+        Ok(frame)
     }
 
-    fn push_strand(&self, frame: &mut InterchangeFrame, t: usize, strand: usize) {
-        let last = self.sequence.frame_count();
-        // Frames by distance from t; of two as far, the earlier one.
-        let near = (0..last).flat_map(|d| [t.checked_sub(d), Some(t + d).filter(|t| *t < last)]).flatten();
-        let Some(source) = { near }.find(|&near| present(self.sequence, near, strand)) else { return };
-        let range = self.sequence.range(source, strand);
-        let known: Vec<usize> = range.clone().filter(|&at| is_known(self.sequence, at)).collect();
-        for at in range {
-            let nearest = known.iter().copied().min_by_key(|k| k.abs_diff(at)).unwrap_or(at);
-            let seen = nearest == at && source == t;
-            frame.points.push(self.sequence.points[nearest]);
-            frame.provenance.push(if seen { self.sequence.provenance[at] } else { Provenance::Missing });
-            frame.confidence.push(if seen { finite(self.sequence.confidence[at]) } else { 0.0 });
+    /// The frame nearest to `t` that has a strand; of two as far, the earlier one.
+    fn nearest(&self, t: usize, strand: usize) -> usize {
+        let last = self.present.len();
+        let mut near = (0..last).flat_map(|d| [t.checked_sub(d), Some(t + d).filter(|t| *t < last)]).flatten();
+        near.find(|&near| self.present[near].get(strand)).unwrap_or(t)
+    }
+
+    fn load(&self, t: usize) -> Result<Rc<StrandSequence>, IoError> {
+        let mut kept = self.kept.borrow_mut();
+        if let Some((_, frame)) = kept.iter().find(|(number, _)| *number == t) {
+            return Ok(frame.clone());
         }
+        let frame = Rc::new(self.source.frame(t)?);
+        kept.push_back((t, frame.clone()));
+        if kept.len() > KEPT_FRAMES {
+            kept.pop_front();
+        }
+        Ok(frame)
+    }
+}
+
+/// Puts a strand of a sequence of one frame at `start`; `own`: the sequence is of the frame that is made.
+fn put_strand(frame: &mut InterchangeFrame, start: usize, sequence: &StrandSequence, strand: usize, own: bool) {
+    let range = sequence.range(0, strand);
+    let known: Vec<usize> = range.clone().filter(|&at| is_known(sequence, at)).collect();
+    for (to, at) in (start..).zip(range) {
+        let nearest = known.iter().copied().min_by_key(|k| k.abs_diff(at)).unwrap_or(at);
+        frame.points[to] = sequence.points[nearest];
+        if nearest == at && own {
+            frame.provenance[to] = sequence.provenance[at];
+            frame.confidence[to] = finite(sequence.confidence[at]);
+        }
+    }
+}
+
+/// One bit a strand.
+struct Bits(Vec<u64>);
+
+impl Bits {
+    fn new(len: usize) -> Self {
+        Self(vec![0; len.div_ceil(64)])
+    }
+
+    fn set(&mut self, at: usize) {
+        self.0[at / 64] |= 1 << (at % 64);
+    }
+
+    fn get(&self, at: usize) -> bool {
+        self.0[at / 64] >> (at % 64) & 1 == 1
     }
 }
 
 fn is_known(sequence: &StrandSequence, at: usize) -> bool {
     sequence.valid(at) && sequence.points[at].is_finite()
-}
-
-fn present(sequence: &StrandSequence, t: usize, strand: usize) -> bool {
-    sequence.range(t, strand).any(|at| is_known(sequence, at))
 }
 
 fn finite(x: f32) -> f32 {
@@ -130,23 +250,23 @@ mod tests {
     #[test]
     fn gaps_are_filled_and_marked() {
         let sequence = sample();
-        let interchange = Interchange::new(&sequence);
+        let interchange = Interchange::new(&sequence).unwrap();
         assert_eq!(
             (interchange.strands.as_slice(), interchange.counts().as_slice()),
             ([0, 2, 3].as_slice(), [5, 3, 4].as_slice())
         );
         for t in 0..3 {
-            let frame = interchange.frame(t);
+            let frame = interchange.frame(t).unwrap();
             assert_eq!(frame.points.len(), 12);
             assert!(frame.points.iter().all(|p| p.is_finite()));
         }
         // Particle 4 of strand 0 in the last frame stands at particle 3; strand 2 in the middle frame stands as before.
-        let (middle, last) = (interchange.frame(1), interchange.frame(2));
+        let (middle, last) = (interchange.frame(1).unwrap(), interchange.frame(2).unwrap());
         assert_eq!(
             (last.points[4], last.provenance[4], last.confidence[4]),
             (last.points[3], Provenance::Missing, 0.0)
         );
-        assert_eq!(middle.points[5..8], interchange.frame(0).points[5..8]);
+        assert_eq!(middle.points[5..8], interchange.frame(0).unwrap().points[5..8]);
         assert_eq!(middle.provenance[5..8], [Provenance::Missing; 3]);
         assert_eq!(middle.provenance[0], Provenance::Observed);
     }

@@ -6,9 +6,12 @@
 use std::path::Path;
 
 use glam::{DQuat, DVec3, Quat, Vec3};
-use strandflow_core::StrandSequence;
 
-use crate::{IoError, error::At, strands::Interchange};
+use crate::{
+    IoError,
+    error::At,
+    strands::{Interchange, StrandFrames},
+};
 
 mod text;
 mod usdc;
@@ -33,12 +36,13 @@ impl Default for UsdOptions {
     }
 }
 
-/// Writes a sequence as USD; the ending of the file decides the form. Memory: a few frames.
+/// Writes strands as USD; the ending of the file decides the form. Memory: a few frames.
 ///
 /// # Errors
-/// The ending is none of USD's, no strand takes part, or the file cannot be written.
-pub fn write_usd(path: &Path, sequence: &StrandSequence, options: &UsdOptions) -> Result<(), IoError> {
-    let scene = Scene::new(sequence, options);
+/// The ending is none of USD's, no strand takes part, a frame cannot be read, or the file cannot be written; the file is
+/// then as it was before.
+pub fn write_usd(path: &Path, strands: &dyn StrandFrames, options: &UsdOptions) -> Result<(), IoError> {
+    let scene = Scene::new(strands, options)?;
     if scene.curves.strands.is_empty() {
         return Err(IoError::content(path, At::FILE, "no strand has two points to write", "export an earlier stage"));
     }
@@ -66,38 +70,39 @@ struct Sample {
 }
 
 impl<'a> Scene<'a> {
-    fn new(sequence: &'a StrandSequence, options: &UsdOptions) -> Self {
+    fn new(strands: &'a dyn StrandFrames, options: &UsdOptions) -> Result<Self, IoError> {
         let up = options.gravity.and_then(|gravity| (-gravity).try_normalize()).unwrap_or(DVec3::Z);
         let turn = DQuat::from_rotation_arc(up, DVec3::Z).as_quat();
-        Self { curves: Interchange::new(sequence), options: *options, turn }
+        Ok(Self { curves: Interchange::new(strands)?, options: *options, turn })
     }
 
     fn times(&self) -> Vec<f64> {
         self.curves.frames().iter().map(|&frame| f64::from(frame)).collect()
     }
 
-    fn points(&self, t: usize) -> Vec<Vec3> {
-        self.curves.frame(t).points.into_iter().map(|point| self.turn * point).collect()
+    fn points(&self, t: usize) -> Result<Vec<Vec3>, IoError> {
+        Ok(self.curves.frame(t)?.points.into_iter().map(|point| self.turn * point).collect())
     }
 
-    fn sample(&self, t: usize) -> Sample {
-        let frame = self.curves.frame(t);
+    fn sample(&self, t: usize) -> Result<Sample, IoError> {
+        let frame = self.curves.frame(t)?;
         let points: Vec<Vec3> = frame.points.into_iter().map(|point| self.turn * point).collect();
         let provenance = frame.provenance.iter().map(|&how| how as i32).collect();
-        let velocities = if self.options.velocities { self.velocities(t, points.len()) } else { Vec::new() };
-        Sample { points, velocities, provenance, confidence: frame.confidence }
+        let velocities = if self.options.velocities { self.velocities(t, points.len())? } else { Vec::new() };
+        Ok(Sample { points, velocities, provenance, confidence: frame.confidence })
     }
 
     /// Differences of the neighbouring frames [mm/s]; at the ends of one neighbour.
-    fn velocities(&self, t: usize, count: usize) -> Vec<Vec3> {
+    fn velocities(&self, t: usize, count: usize) -> Result<Vec<Vec3>, IoError> {
         let frames = self.curves.frames();
         let (a, b) = (t.saturating_sub(1), (t + 1).min(frames.len() - 1));
         let seconds = (f64::from(frames[b]) - f64::from(frames[a])) / self.options.fps;
         if seconds <= 0.0 {
-            return vec![Vec3::ZERO; count];
+            return Ok(vec![Vec3::ZERO; count]);
         }
         let per_second = (1.0 / seconds) as f32;
-        self.points(a).iter().zip(self.points(b)).map(|(p, q)| (q - *p) * per_second).collect()
+        let (before, after) = (self.points(a)?, self.points(b)?);
+        Ok(before.iter().zip(after).map(|(p, q)| (q - *p) * per_second).collect())
     }
 }
 

@@ -2,10 +2,9 @@
 //!
 //! Head frame \[mm\]: origin in the middle of the head, z up, the face towards −y, the left ear towards +x.
 
-use std::collections::BTreeMap;
-
 use glam::{DVec2, DVec3};
 use strandflow_core::TriMesh;
+use strandflow_geometry::primitives::icosphere;
 
 /// Middle of the cranium in the head frame \[mm\].
 pub const CRANIUM: DVec3 = DVec3::new(0.0, 8.0, 18.0);
@@ -66,7 +65,7 @@ pub(crate) fn smooth_step(t: f64) -> f64 {
 /// from inside the head to the outermost surface (5: 10,242 vertices).
 pub fn mesh(levels: usize) -> TriMesh {
     let centre = DVec3::new(0.0, 5.0, -25.0);
-    let mut sphere = icosphere(levels);
+    let mut sphere = icosphere(DVec3::ZERO, 1.0, levels);
     for vertex in &mut sphere.vertices {
         let direction = *vertex;
         let mut r = 320.0;
@@ -109,65 +108,10 @@ fn smooth_min(a: f64, b: f64, k: f64) -> f64 {
     a.min(b) - h * h * h * k / 6.0
 }
 
-fn icosphere(levels: usize) -> TriMesh {
-    let g = (1.0 + 5.0f64.sqrt()) / 2.0;
-    let corners = [
-        (-1.0, g, 0.0),
-        (1.0, g, 0.0),
-        (-1.0, -g, 0.0),
-        (1.0, -g, 0.0),
-        (0.0, -1.0, g),
-        (0.0, 1.0, g),
-        (0.0, -1.0, -g),
-        (0.0, 1.0, -g),
-        (g, 0.0, -1.0),
-        (g, 0.0, 1.0),
-        (-g, 0.0, -1.0),
-        (-g, 0.0, 1.0),
-    ];
-    let mut vertices: Vec<DVec3> = corners.iter().map(|&(x, y, z)| DVec3::new(x, y, z).normalize()).collect();
-    let mut faces: Vec<[u32; 3]> = vec![
-        [0, 11, 5],
-        [0, 5, 1],
-        [0, 1, 7],
-        [0, 7, 10],
-        [0, 10, 11],
-        [1, 5, 9],
-        [5, 11, 4],
-        [11, 10, 2],
-        [10, 7, 6],
-        [7, 1, 8],
-        [3, 9, 4],
-        [3, 4, 2],
-        [3, 2, 6],
-        [3, 6, 8],
-        [3, 8, 9],
-        [4, 9, 5],
-        [2, 4, 11],
-        [6, 2, 10],
-        [8, 6, 7],
-        [9, 8, 1],
-    ];
-    for _ in 0..levels {
-        let mut middles = BTreeMap::new();
-        let mut next = Vec::with_capacity(faces.len() * 4);
-        for [a, b, c] in faces {
-            let mut middle = |i: u32, j: u32| {
-                *middles.entry((i.min(j), i.max(j))).or_insert_with(|| {
-                    vertices.push((vertices[i as usize] + vertices[j as usize]).normalize());
-                    vertices.len() as u32 - 1
-                })
-            };
-            let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
-            next.extend([[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]);
-        }
-        faces = next;
-    }
-    TriMesh { vertices, faces }
-}
-
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
 
     #[test]

@@ -2,6 +2,8 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 #![allow(dead_code, reason = "every test file uses a part of it")]
 
+pub mod synthetic;
+
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},

@@ -3,7 +3,7 @@
 use strandflow_core::Report;
 use strandflow_stages::field::FieldInput;
 
-use super::{frame_of, need_hull, need_masks, need_pose, need_rig, need_scalp, of_stage, refs};
+use super::{frame_of, need_hull, need_masks, need_pose, need_rig, need_scalp, of_stage, of_views, refs};
 use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
 
 pub(crate) fn prepare(_: &Job) -> Result<(), EngineError> {
@@ -24,8 +24,8 @@ pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), Engi
 
 pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {
     let frame = frame_of(item)?;
-    let (take, rig) = (job.take, job.take.rig());
-    let hairs = (0..rig.view_count()).map(|v| take.read_hair(v, frame)).collect::<Result<Vec<_>, _>>()?;
+    let (take, rig) = (job.take, job.take.views().rig());
+    let hairs = of_views(job, |view| take.read_hair(view, frame))?;
     let input = FieldInput {
         rig,
         frame,

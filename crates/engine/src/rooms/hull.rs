@@ -3,14 +3,14 @@
 use serde_json::json;
 use strandflow_core::Report;
 
-use super::{ensure, frame_of, need_grid, need_masks, need_rig, of_stage, refs};
+use super::{ensure, frame_of, need_grid, need_masks, need_rig, of_stage, of_views, refs};
 use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
 
 /// Phase 1: the take's grid.
 pub mod grid {
     use strandflow_core::{Mask, Report};
 
-    use super::{super::of_stage, need_masks, need_rig};
+    use super::{super::of_stage, need_masks, need_rig, of_views};
     use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
 
     pub(crate) fn prepare(_: &Job) -> Result<(), EngineError> {
@@ -24,8 +24,8 @@ pub mod grid {
     }
 
     pub(crate) fn run(job: &Job, _: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {
-        let rig = job.take.rig();
-        let unions = (0..rig.view_count()).map(|view| union(job, view)).collect::<Result<Vec<_>, _>>()?;
+        let rig = job.take.views().rig();
+        let unions = of_views(job, |view| union(job, view))?;
         let grid = strandflow_stages::hull::grid_of_take(rig, &unions, &job.plan.settings.hull, report)
             .map_err(of_stage("hull"))?;
         out.whole("hull/grid/origin", &[3], &grid.origin.to_array())?;
@@ -63,8 +63,8 @@ pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), Engi
 
 pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {
     let frame = frame_of(item)?;
-    let (take, rig) = (job.take, job.take.rig());
-    let subjects = (0..rig.view_count()).map(|v| take.read_subject(v, frame)).collect::<Result<Vec<_>, _>>()?;
+    let (take, rig) = (job.take, job.take.views().rig());
+    let subjects = of_views(job, |view| take.read_subject(view, frame))?;
     let grid = take.read_grid()?;
     let hull = strandflow_stages::hull::hull(rig, &refs(&subjects), &grid, frame, &job.plan.settings.hull, report)
         .map_err(of_stage("hull"))?;

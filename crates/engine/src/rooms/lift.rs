@@ -3,22 +3,22 @@
 use strandflow_core::Report;
 use strandflow_stages::{lift::LiftInput, orient::OrientationMap};
 
-use super::{frame_of, need_hull, need_masks, need_rig, of_stage, refs};
+use super::{frame_of, need_hull, need_masks, need_rig, of_stage, of_views, refs};
 use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
 
 pub(crate) fn prepare(_: &Job) -> Result<(), EngineError> {
     Ok(())
 }
 
-/// The orientation maps of all views in a frame.
+/// The orientation maps of a frame, of all views that take part.
 pub(crate) fn need_maps(job: &Job, frame: usize, needs: &mut Needs) -> Result<(), EngineError> {
-    (0..job.take.rig().view_count()).try_for_each(|view| {
+    job.take.views().taking_part().iter().try_for_each(|&view| {
         needs.item(&Item::ViewFrame(view, frame).key("orient/orient"), &["orient/angle", "orient/confidence"])
     })
 }
 
 pub(crate) fn read_maps(job: &Job, frame: usize) -> Result<Vec<OrientationMap>, EngineError> {
-    (0..job.take.rig().view_count()).map(|view| job.take.read_orientation(view, frame)).collect()
+    of_views(job, |view| job.take.read_orientation(view, frame))
 }
 
 pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), EngineError> {
@@ -31,10 +31,10 @@ pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), Engi
 
 pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {
     let frame = frame_of(item)?;
-    let rig = job.take.rig();
+    let rig = job.take.views().rig();
     let hull = job.take.read_hull(frame)?;
     let maps = read_maps(job, frame)?;
-    let hairs = (0..rig.view_count()).map(|v| job.take.read_hair(v, frame)).collect::<Result<Vec<_>, _>>()?;
+    let hairs = of_views(job, |view| job.take.read_hair(view, frame))?;
     let input = LiftInput { rig, frame, hull: &hull, maps: &refs(&maps), hairs: &refs(&hairs) };
     let lines = strandflow_stages::lift::lift(&input, job.plan.mode, &job.plan.settings.lift, report)
         .map_err(of_stage("lift"))?;

@@ -73,17 +73,22 @@ pub(crate) fn need_hull(frame: usize, needs: &mut Needs) -> Result<(), EngineErr
     needs.item(&Item::Frame(frame).key("hull/hull"), &["hull/occupancy"])
 }
 
-/// Some mask arrays of all views in a frame.
+/// Some mask arrays of a frame, of all views that take part.
 pub(crate) fn need_masks(job: &Job, frame: usize, arrays: &[&str], needs: &mut Needs) -> Result<(), EngineError> {
-    for view in 0..job.take.rig().view_count() {
+    for &view in job.take.views().taking_part() {
         needs.item(&Item::ViewFrame(view, frame).key("masks/masks"), arrays)?;
     }
     Ok(())
 }
 
-/// Cameras.
+/// The cameras that take part.
 pub(crate) fn need_rig(job: &Job, needs: &mut Needs) {
-    needs.value("values", "rig", job.take.rig());
+    needs.value("values", "rig", job.take.views().rig());
+}
+
+/// The same thing of every view that takes part.
+pub(crate) fn of_views<T>(job: &Job, read: impl Fn(usize) -> Result<T, EngineError>) -> Result<Vec<T>, EngineError> {
+    job.take.views().taking_part().iter().map(|&view| read(view)).collect()
 }
 
 /// The frame of a frame item.

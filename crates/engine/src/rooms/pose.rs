@@ -20,7 +20,7 @@ pub(crate) fn needs(job: &Job, _: Item, needs: &mut Needs) -> Result<(), EngineE
     need_rig(job, needs);
     needs.file(job.take.sources().labels_file())?;
     needs.value("values", "frames", &job.plan.lead);
-    for view in 0..job.take.rig().view_count() {
+    for &view in job.take.views().taking_part() {
         for frame in job.plan.lead.start..job.plan.lead.end {
             needs.file(&job.take.sources().image_file(view, frame)?)?;
         }
@@ -29,7 +29,8 @@ pub(crate) fn needs(job: &Job, _: Item, needs: &mut Needs) -> Result<(), EngineE
 }
 
 pub(crate) fn run(job: &Job, _: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {
-    let labels = job.take.sources().labels(job.take.rig(), job.plan.lead.start)?;
+    let views = job.take.views();
+    let labels = job.take.sources().labels(views.rig(), job.plan.lead.start)?;
     let labels: Vec<MarkerLabel> = labels
         .into_iter()
         .map(|(id, views)| MarkerLabel {
@@ -37,7 +38,8 @@ pub(crate) fn run(job: &Job, _: Item, out: &mut Writer, report: &mut Report) -> 
             views: views.into_iter().map(|(v, uv)| (v, DVec2::from_array(uv))).collect::<BTreeMap<_, _>>(),
         })
         .collect();
-    let input = PoseInput { rig: job.take.rig(), images: job.take.images(), frames: job.plan.lead, labels: &labels };
+    let images = views.images(job.take.images());
+    let input = PoseInput { rig: views.rig(), images: &images, frames: job.plan.lead, labels: &labels };
     let poses = strandflow_stages::pose::pose(&input, job.plan.mode, &job.plan.settings.pose, report)
         .map_err(of_stage("pose"))?;
     write(job, out, &poses, labels.len())
@@ -45,6 +47,7 @@ pub(crate) fn run(job: &Job, _: Item, out: &mut Writer, report: &mut Report) -> 
 
 fn write(job: &Job, out: &mut Writer, poses: &HeadPoses, markers: usize) -> Result<(), EngineError> {
     let (times, views) = (poses.world_from_head.len(), job.take.rig().view_count());
+    let part = job.take.views().taking_part();
     for (t, pose) in poses.world_from_head.iter().enumerate() {
         if !(pose.translation.is_finite() && pose.rotation.is_finite()) {
             let place = Place::frame(job.plan.lead.start + t);
@@ -55,8 +58,14 @@ fn write(job: &Job, out: &mut Writer, poses: &HeadPoses, markers: usize) -> Resu
     out.whole("pose/world_from_head", &[times, 4, 4], &rows)?;
     let positions = poses.markers.iter().flatten().flat_map(|m| m.map_or([f64::NAN; 3], |p| p.to_array()));
     out.whole("pose/markers", &[times, markers, 3], &positions.collect::<Vec<_>>())?;
-    let tracks = poses.tracks.iter().flatten().flatten().flat_map(|m| m.map_or([f64::NAN; 2], |p| p.to_array()));
-    out.whole("pose/tracks", &[times, views, markers, 2], &tracks.collect::<Vec<_>>())?;
+    let mut tracks = vec![[f64::NAN; 2]; times * views * markers];
+    for (t, seen) in poses.tracks.iter().enumerate() {
+        for (&view, points) in part.iter().zip(seen) {
+            let row = &mut tracks[(t * views + view) * markers..][..markers];
+            row.iter_mut().zip(points).for_each(|(to, p)| *to = p.map_or([f64::NAN; 2], |p| p.to_array()));
+        }
+    }
+    out.whole("pose/tracks", &[times, views, markers, 2], tracks.as_flattened())?;
     out.whole("pose/rms_px", &[times], &poses.rms_px)?;
     out.whole("pose/used", &[times], &poses.used)?;
     out.whole("pose/interpolated", &[times], &poses.interpolated.iter().map(|&i| u8::from(i)).collect::<Vec<_>>())

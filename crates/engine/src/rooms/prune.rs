@@ -27,7 +27,7 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
     let frame = frame_of(item)?;
     let maps = lift::read_maps(job, frame)?;
     let input = PruneInput {
-        rig: job.take.rig(),
+        rig: job.take.views().rig(),
         frame,
         hull: &job.take.read_hull(frame)?,
         strands: &job.take.read_strands("grow", frame)?,

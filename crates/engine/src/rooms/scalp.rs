@@ -4,7 +4,7 @@ use glam::DVec3;
 use strandflow_core::{Mask, Occupancy, Report, TriMesh};
 use strandflow_stages::scalp::{ScalpFrame, ScalpInput};
 
-use super::{need_hull, need_masks, need_rig, of_stage, refs};
+use super::{need_hull, need_masks, need_rig, of_stage, of_views, refs};
 use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
 
 /// Frames in which the head turned less than this since the first \[rad\] count as still: 2° moves the surface of a
@@ -57,9 +57,9 @@ struct Loaded {
 }
 
 fn load(job: &Job, frame: usize) -> Result<Loaded, EngineError> {
-    let (take, views) = (job.take, 0..job.take.rig().view_count());
-    let subjects = views.clone().map(|v| take.read_subject(v, frame)).collect::<Result<_, _>>()?;
-    let hairs = views.map(|v| take.read_hair(v, frame)).collect::<Result<_, _>>()?;
+    let take = job.take;
+    let subjects = of_views(job, |view| take.read_subject(view, frame))?;
+    let hairs = of_views(job, |view| take.read_hair(view, frame))?;
     Ok(Loaded { frame, hull: take.read_hull(frame)?, subjects, hairs })
 }
 
@@ -79,7 +79,7 @@ pub(crate) fn run(job: &Job, _: Item, out: &mut Writer, report: &mut Report) -> 
     let poses = job.take.read_poses()?;
     let markers: Vec<DVec3> = poses.markers.first().into_iter().flatten().flatten().copied().collect();
     let input = ScalpInput {
-        rig: job.take.rig(),
+        rig: job.take.views().rig(),
         frames: &frames,
         markers: &markers,
         gravity: job.take.gravity(),

@@ -114,7 +114,7 @@ pub const ARRAYS: &[ArraySpec] = &[
         (F64, "px"),
         &["frame", "view", "marker", "uv"],
         PER_TAKE,
-        "marker image points; NaN where lost or occluded",
+        "marker image points; NaN where lost, occluded or the view is held out",
     ),
     spec("pose/rms_px", (F64, "px"), &["frame"], PER_TAKE, "root mean square reprojection error of the markers used"),
     spec("pose/used", (U32, "markers"), &["frame"], PER_TAKE, "markers that the pose rests on"),

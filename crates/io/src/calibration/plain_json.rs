@@ -11,7 +11,7 @@ use strandflow_core::Rig;
 use super::{Calibration, CameraParts, pixel_shift, unit_from_name};
 use crate::{
     IoError,
-    error::{At, read_text},
+    error::{At, not_json, read_text},
 };
 
 #[derive(Deserialize)]
@@ -55,12 +55,8 @@ pub fn read_plain_json(path: &Path) -> Result<Calibration, IoError> {
 
 fn plain_json_from_text(path: &Path, text: &str) -> Result<Calibration, IoError> {
     let file: RigFile = serde_json::from_str(text).map_err(|cause| {
-        IoError::content(
-            path,
-            At::line(cause.line()),
-            format!("is not a calibration: {cause}"),
-            "every camera needs name, width, height, K (3x3), R (3x3), t (3) and optionally distortion",
-        )
+        let hint = "every camera needs name, width, height, K (3x3), R (3x3), t (3) and optionally distortion";
+        not_json(path, text, &cause, "a calibration", hint)
     })?;
     let Some(units) = file.units else {
         let hint = "add \"units\": \"metres\" (or millimetres) beside \"cameras\"";

@@ -26,7 +26,10 @@ impl Decoder {
     /// with B-frames or an odd start time is off by frames often enough.
     pub fn start(path: &Path, first: usize) -> Result<Self, IoError> {
         let mut command = Command::new("ffmpeg");
-        command.args(["-nostdin", "-v", "error", "-threads", "2", "-i"]).arg(path);
+        command.args(["-nostdin", "-v", "error", "-threads", "2"]);
+        // Left to itself ffmpeg paints over damaged parts of a frame, or drops the frame, and later ones take its number:
+        // both would go into the results unseen.
+        command.args(["-xerror", "-err_detect", "explode", "-i"]).arg(path);
         command.args(["-map", "0:v:0", "-an", "-sn", "-vsync", "passthrough"]);
         if first > 0 {
             command.args(["-vf", &format!("select=gte(n\\,{first})")]);

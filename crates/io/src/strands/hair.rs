@@ -8,7 +8,7 @@ use glam::Vec3;
 use strandflow_core::{Provenance, Strands};
 
 use super::Interchange;
-use crate::{IoError, bytes::Bytes, error::At};
+use crate::{IoError, bytes::Bytes, error::At, whole_file::write_bytes};
 
 const HAS_SEGMENTS: u32 = 1;
 const HAS_POINTS: u32 = 2;
@@ -19,7 +19,7 @@ const HEADER_BYTES: usize = 128;
 /// # Errors
 /// The file cannot be written, or a strand has more points than the format takes (65,536).
 pub fn write_hair(path: &Path, strands: &Interchange, t: usize) -> Result<(), IoError> {
-    let (frame, counts) = (strands.frame(t), strands.counts());
+    let (frame, counts) = (strands.frame(t)?, strands.counts());
     let mut out = Vec::with_capacity(HEADER_BYTES + frame.points.len() * 12 + counts.len() * 2);
     out.extend(b"HAIR");
     for number in [counts.len() as u32, frame.points.len() as u32, HAS_SEGMENTS | HAS_POINTS, 0] {
@@ -34,7 +34,7 @@ pub fn write_hair(path: &Path, strands: &Interchange, t: usize) -> Result<(), Io
     out.extend(remark);
     counts.iter().for_each(|&count| out.extend(((count - 1) as u16).to_le_bytes()));
     frame.points.iter().flat_map(|p| p.to_array()).for_each(|x| out.extend(x.to_le_bytes()));
-    std::fs::write(path, out).map_err(IoError::writing(path))
+    write_bytes(path, &out)
 }
 
 /// Reads a groom; `unit_mm` millimetres are one unit of the file. Points count as observed with confidence 1.
@@ -103,7 +103,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.hair");
         let sequence = sample();
-        write_hair(&path, &Interchange::new(&sequence), 0).unwrap();
+        write_hair(&path, &Interchange::new(&sequence).unwrap(), 0).unwrap();
         std::fs::read(&path).unwrap()
     }
 

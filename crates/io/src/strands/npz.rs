@@ -3,7 +3,12 @@
 //! `points` float32 (T, N, P, 3) world \[mm\]; `valid` bool (T, N, P); `frame` int32 (T); `provenance` uint8 (T, N, P);
 //! `confidence` float32 (T, N, P); `head_from_world` float64 (T, 4, 4). Stored, not deflated: noise does not shrink.
 
-use std::{collections::BTreeMap, fs::File, io::BufReader, path::Path};
+use std::{
+    collections::BTreeMap,
+    fs::File,
+    io::{BufReader, BufWriter},
+    path::Path,
+};
 
 use glam::Vec3;
 use npyz::{
@@ -13,8 +18,12 @@ use npyz::{
 };
 use strandflow_core::{Provenance, RigidTransform, StrandSequence};
 
-use super::npy::NpyArray;
-use crate::{IoError, error::At};
+use super::{StrandFrames, npy::NpyArray};
+use crate::{
+    IoError,
+    error::At,
+    whole_file::{Unfinished, write_whole},
+};
 
 /// A sequence with the head's poses.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -25,41 +34,66 @@ pub struct NpzStrands {
     pub head_from_world: Option<Vec<RigidTransform>>,
 }
 
-/// Writes a sequence and the head's poses (one a frame).
+/// Writes strands and the head's poses (one a frame). Memory: one frame; every frame is read once an array.
 ///
 /// # Errors
-/// The file cannot be written.
-pub fn write_npz(path: &Path, sequence: &StrandSequence, head_from_world: &[RigidTransform]) -> Result<(), IoError> {
-    let (t, n, p) = (sequence.frame_count() as u64, sequence.strand_count as u64, sequence.point_count as u64);
-    let write = || -> std::io::Result<()> {
-        let mut npz = NpzWriter::create(path)?;
-        put(&mut npz, "points", &[t, n, p, 3], sequence.points.iter().flat_map(|point| point.to_array()))?;
-        put(&mut npz, "valid", &[t, n, p], (0..sequence.points.len()).map(|at| sequence.valid(at)))?;
-        put(&mut npz, "frame", &[t], sequence.frames.iter().map(|&frame| frame as i32))?;
-        put(&mut npz, "provenance", &[t, n, p], sequence.provenance.iter().map(|&how| how as u8))?;
-        put(&mut npz, "confidence", &[t, n, p], sequence.confidence.iter().copied())?;
+/// The file cannot be written, or a frame cannot be read; the file is then as it was before.
+pub fn write_npz(path: &Path, strands: &dyn StrandFrames, head_from_world: &[RigidTransform]) -> Result<(), IoError> {
+    let (t, n, p) = (strands.frames().len(), strands.counts().len(), strands.point_count());
+    let samples = [t, n, p];
+    write_whole(path, |out| {
+        let mut npz = NpzWriter::new(out);
+        let points = |frame: &StrandSequence| frame.points.iter().flat_map(|point| point.to_array()).collect();
+        put_frames(&mut npz, "points", &[t, n, p, 3], strands, points)?;
+        let valid = |frame: &StrandSequence| (0..frame.points.len()).map(|at| frame.valid(at)).collect();
+        put_frames(&mut npz, "valid", &samples, strands, valid)?;
+        put(&mut npz, "frame", &[t], strands.frames().iter().map(|&frame| frame as i32))?;
+        let how = |frame: &StrandSequence| frame.provenance.iter().map(|&how| how as u8).collect();
+        put_frames(&mut npz, "provenance", &samples, strands, how)?;
+        put_frames(&mut npz, "confidence", &samples, strands, |frame| frame.confidence.clone())?;
         let rows = head_from_world.iter().flat_map(|pose| pose.to_rows()).flatten();
-        put(&mut npz, "head_from_world", &[head_from_world.len() as u64, 4, 4], rows)?;
+        put(&mut npz, "head_from_world", &[head_from_world.len(), 4, 4], rows)?;
         npz.zip_writer().finish().map_err(std::io::Error::other)?;
         Ok(())
-    };
-    write().map_err(IoError::writing(path))
+    })
+}
+
+type Archive<'a> = NpzWriter<&'a mut BufWriter<File>>;
+
+/// An array of all frames, one frame at a time.
+fn put_frames<T: AutoSerialize>(
+    npz: &mut Archive,
+    name: &str,
+    shape: &[usize],
+    strands: &dyn StrandFrames,
+    values: impl Fn(&StrandSequence) -> Vec<T>,
+) -> Result<(), Unfinished> {
+    let shape: Vec<u64> = shape.iter().map(|&n| n as u64).collect();
+    let mut array = npz.array::<T>(name, options())?.default_dtype().shape(&shape).begin_nd()?;
+    for t in 0..strands.frames().len() {
+        array.extend(values(&strands.frame(t)?))?;
+    }
+    Ok(array.finish()?)
 }
 
 fn put<T: AutoSerialize>(
-    npz: &mut NpzWriter<std::io::BufWriter<File>>,
+    npz: &mut Archive,
     name: &str,
-    shape: &[u64],
+    shape: &[usize],
     values: impl Iterator<Item = T>,
-) -> std::io::Result<()> {
-    // A fixed time, so that the same strands give the same bytes; ZIP64, because points of long takes pass 4 GiB.
-    let options = FileOptions::default()
+) -> Result<(), Unfinished> {
+    let shape: Vec<u64> = shape.iter().map(|&n| n as u64).collect();
+    let mut array = npz.array::<T>(name, options())?.default_dtype().shape(&shape).begin_nd()?;
+    array.extend(values)?;
+    Ok(array.finish()?)
+}
+
+/// A fixed time, so that the same strands give the same bytes; ZIP64, because points of long takes pass 4 GiB.
+fn options() -> FileOptions {
+    FileOptions::default()
         .compression_method(CompressionMethod::Stored)
         .last_modified_time(DateTime::default())
-        .large_file(true);
-    let mut array = npz.array::<T>(name, options)?.default_dtype().shape(shape).begin_nd()?;
-    array.extend(values)?;
-    array.finish()
+        .large_file(true)
 }
 
 /// All arrays of an archive by name.

@@ -1,23 +1,17 @@
 //! PLY, binary little endian: points of one frame with strand, provenance and confidence, and the edges along strands.
 
-use std::{
-    fs::File,
-    io::{BufWriter, Write},
-    path::Path,
-};
+use std::{io::Write, path::Path};
 
 use super::{Interchange, InterchangeFrame};
-use crate::IoError;
+use crate::{IoError, whole_file::write_whole};
 
 /// Writes the `t`-th frame \[mm, world\].
 ///
 /// # Errors
-/// The file cannot be written.
+/// The file cannot be written, or the frame cannot be read.
 pub fn write_ply(path: &Path, strands: &Interchange, t: usize) -> Result<(), IoError> {
-    let frame = strands.frame(t);
-    let file = File::create(path).map_err(IoError::writing(path))?;
-    let mut out = BufWriter::new(file);
-    write_to(&mut out, strands, &frame).and_then(|()| out.flush()).map_err(IoError::writing(path))
+    let frame = strands.frame(t)?;
+    write_whole(path, |out| Ok(write_to(out, strands, &frame)?))
 }
 
 fn write_to(out: &mut impl Write, strands: &Interchange, frame: &InterchangeFrame) -> std::io::Result<()> {
@@ -62,7 +56,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.ply");
         let sequence = sample();
-        write_ply(&path, &Interchange::new(&sequence), 2).unwrap();
+        write_ply(&path, &Interchange::new(&sequence).unwrap(), 2).unwrap();
         let file = std::fs::read(&path).unwrap();
         let end = b"end_header\n";
         let at = file.windows(end.len()).position(|w| w == end).unwrap() + end.len();

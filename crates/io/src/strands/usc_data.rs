@@ -7,14 +7,14 @@ use std::path::Path;
 use strandflow_core::Strands;
 
 use super::{Interchange, hair::push_strand};
-use crate::{IoError, bytes::Bytes, error::At};
+use crate::{IoError, bytes::Bytes, error::At, whole_file::write_bytes};
 
 /// Writes the `t`-th frame, in metres.
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn write_usc_data(path: &Path, strands: &Interchange, t: usize) -> Result<(), IoError> {
-    let (frame, counts) = (strands.frame(t), strands.counts());
+    let (frame, counts) = (strands.frame(t)?, strands.counts());
     let mut out = Vec::with_capacity(4 + counts.len() * 4 + frame.points.len() * 12);
     out.extend((counts.len() as i32).to_le_bytes());
     let mut points = frame.points.iter();
@@ -24,7 +24,7 @@ pub fn write_usc_data(path: &Path, strands: &Interchange, t: usize) -> Result<()
             (*point * 1e-3).to_array().iter().for_each(|x| out.extend(x.to_le_bytes()));
         }
     }
-    std::fs::write(path, out).map_err(IoError::writing(path))
+    write_bytes(path, &out)
 }
 
 /// Reads a groom in metres. Points count as observed with confidence 1.
@@ -59,7 +59,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.data");
         let sequence = sample();
-        write_usc_data(&path, &Interchange::new(&sequence), 0).unwrap();
+        write_usc_data(&path, &Interchange::new(&sequence).unwrap(), 0).unwrap();
         std::fs::read(&path).unwrap()
     }
 

@@ -1,4 +1,6 @@
 use super::*;
+use strandflow_core::StrandSequence;
+
 use crate::strands::sample;
 
 const SCRIPT: &str = r#"

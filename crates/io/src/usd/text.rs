@@ -1,24 +1,20 @@
 //! USD as text (`.usda`). Attributes one after the other: each pass over the frames writes one attribute's samples.
 
-use std::{
-    fmt::Display,
-    fs::File,
-    io::{BufWriter, Result, Write},
-    path::Path,
-};
+use std::{fmt::Display, io::Write, path::Path};
 
 use glam::Vec3;
 
 use super::{Sample, Scene, extent};
-use crate::IoError;
+use crate::{
+    IoError,
+    whole_file::{Unfinished, write_whole},
+};
 
-pub(super) fn write(path: &Path, scene: &Scene) -> std::result::Result<(), IoError> {
-    let file = File::create(path).map_err(IoError::writing(path))?;
-    let mut out = BufWriter::new(file);
-    write_to(&mut out, scene).and_then(|()| out.flush()).map_err(IoError::writing(path))
+pub(super) fn write(path: &Path, scene: &Scene) -> Result<(), IoError> {
+    write_whole(path, |out| write_to(out, scene))
 }
 
-fn write_to(out: &mut impl Write, scene: &Scene) -> Result<()> {
+fn write_to(out: &mut impl Write, scene: &Scene) -> Result<(), Unfinished> {
     let times = scene.times();
     let (first, last) = (times.first().copied().unwrap_or(0.0), times.last().copied().unwrap_or(0.0));
     let (fps, width) = (scene.options.fps, scene.options.width_mm);
@@ -41,7 +37,7 @@ fn write_to(out: &mut impl Write, scene: &Scene) -> Result<()> {
     let vertex = " (\n            interpolation = \"vertex\"\n        )";
     samples(out, scene, "int[] primvars:provenance", vertex, |sample| list(&sample.provenance))?;
     samples(out, scene, "float[] primvars:confidence", vertex, |sample| list(&sample.confidence))?;
-    writeln!(out, "    }}\n}}")
+    Ok(writeln!(out, "    }}\n}}")?)
 }
 
 /// An attribute with a value per frame; metadata belongs to its declaration, samples to a line of their own.
@@ -51,15 +47,15 @@ fn samples(
     what: &str,
     metadata: &str,
     text: impl Fn(&Sample) -> String,
-) -> Result<()> {
+) -> Result<(), Unfinished> {
     if !metadata.is_empty() {
         writeln!(out, "        {what}{metadata}")?;
     }
     writeln!(out, "        {what}.timeSamples = {{")?;
     for (t, time) in scene.times().into_iter().enumerate() {
-        writeln!(out, "            {time}: [{}],", text(&scene.sample(t)))?;
+        writeln!(out, "            {time}: [{}],", text(&scene.sample(t)?))?;
     }
-    writeln!(out, "        }}")
+    Ok(writeln!(out, "        }}")?)
 }
 
 fn list<T: Display>(values: impl IntoIterator<Item = T>) -> String {

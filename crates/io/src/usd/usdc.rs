@@ -13,7 +13,10 @@ use std::{
 use glam::Vec3;
 
 use super::{Scene, extent};
-use crate::IoError;
+use crate::{
+    IoError,
+    whole_file::{Unfinished, write_whole},
+};
 
 /// Types of values (crate format's `TypeEnum`).
 #[derive(Clone, Copy)]
@@ -41,8 +44,7 @@ const PRIM: u32 = 6;
 const PSEUDO_ROOT: u32 = 7;
 
 pub(super) fn write(path: &Path, scene: &Scene) -> std::result::Result<(), IoError> {
-    let file = File::create(path).map_err(IoError::writing(path))?;
-    write_to(BufWriter::new(file), scene).map_err(IoError::writing(path))
+    write_whole(path, |out| write_to(out, scene))
 }
 
 /// An attribute as it goes into the tables.
@@ -61,7 +63,7 @@ impl Attribute {
     }
 }
 
-fn write_to(out: BufWriter<File>, scene: &Scene) -> Result<()> {
+fn write_to(out: &mut BufWriter<File>, scene: &Scene) -> std::result::Result<(), Unfinished> {
     let mut file = Crate::begin(out)?;
     let attributes = values(&mut file, scene)?;
     let times = scene.times();
@@ -109,11 +111,11 @@ fn write_to(out: BufWriter<File>, scene: &Scene) -> Result<()> {
         fields.extend(attribute.samples.map(|value| ("timeSamples", value)));
         file.spec(3 + at as u32, ATTRIBUTE, &fields);
     }
-    file.finish(&names)
+    Ok(file.finish(&names)?)
 }
 
 /// Writes all values, frames in order, and says where they lie.
-fn values(file: &mut Crate, scene: &Scene) -> Result<Vec<Attribute>> {
+fn values(file: &mut Crate, scene: &Scene) -> std::result::Result<Vec<Attribute>, Unfinished> {
     let linear =
         Attribute { uniform: true, default: Some(file.token_value("linear")), ..Attribute::new("type", "token") };
     let wrap =
@@ -135,7 +137,7 @@ fn values(file: &mut Crate, scene: &Scene) -> Result<Vec<Attribute>> {
     let times = scene.times();
     let mut samples: [Vec<u64>; 5] = Default::default();
     for t in 0..times.len() {
-        let sample = scene.sample(t);
+        let sample = scene.sample(t)?;
         samples[0].push(file.vectors(&extent(&sample.points, scene.options.width_mm))?);
         samples[1].push(file.vectors(&sample.points)?);
         samples[2].push(file.vectors(&sample.velocities)?);
@@ -166,8 +168,8 @@ fn rep(kind: Type, flags: u64, payload: u64) -> u64 {
 }
 
 /// A crate file being written.
-struct Crate {
-    out: BufWriter<File>,
+struct Crate<'a> {
+    out: &'a mut BufWriter<File>,
     at: u64,
     tokens: Vec<String>,
     token_numbers: BTreeMap<String, u32>,
@@ -177,8 +179,8 @@ struct Crate {
     specs: Vec<(u32, u32, u32)>,
 }
 
-impl Crate {
-    fn begin(out: BufWriter<File>) -> Result<Self> {
+impl<'a> Crate<'a> {
+    fn begin(out: &'a mut BufWriter<File>) -> Result<Self> {
         let mut file = Self {
             out,
             at: 0,
