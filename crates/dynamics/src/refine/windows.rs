@@ -53,7 +53,7 @@ pub fn refine_bundle<R: Kernels>(lanes: &[&Prepared], take: &Take, options: &Ref
                 samples.points.copy_from_slice(&x);
             } else {
                 for t in 0..frames {
-                    bundle.relax(t, &mut x[t * n..(t + 1) * n], &mut scratch, &mut workspace);
+                    bundle.finish(t, &mut x[t * n..(t + 1) * n], &mut scratch, &mut workspace);
                 }
             }
         }
@@ -61,7 +61,7 @@ pub fn refine_bundle<R: Kernels>(lanes: &[&Prepared], take: &Take, options: &Ref
     if span > 0 && n > bundle.fixed && !options.letter {
         add_structure(&bundle, lanes, take, &mut x);
         for t in 0..frames {
-            bundle.relax(t, &mut x[t * n..(t + 1) * n], &mut scratch, &mut workspace);
+            bundle.finish(t, &mut x[t * n..(t + 1) * n], &mut scratch, &mut workspace);
         }
     }
     (0..lanes.len())
