@@ -149,7 +149,10 @@ pub fn grow(
         .map(|i| {
             let root = input.world_from_head.point(input.roots[i]).as_vec3();
             let normal = input.world_from_head.vector(input.normals[i]).as_vec3().normalize_or_zero();
-            grower.grow(root, normal, &carrier.as_ref().map_or(Vec::new(), |carrier| carrier.carried(i)))
+            match carrier.as_ref().map(|carrier| carrier.carried(i)).filter(|carried| !carried.is_empty()) {
+                Some(carried) => grower.grow_after(root, normal, &carried),
+                None => grower.grow(root, normal, &Guide { points: &[], follow: 0.0 }),
+            }
         })
         .collect();
     let mut strands = Strands::new();
@@ -287,6 +290,20 @@ impl<'a> Carrier<'a> {
     }
 }
 
+/// The strand of the frame before, carried into this one (no points where there is none), and how much it draws.
+struct Guide<'a> {
+    points: &'a [Vec3],
+    follow: f32,
+}
+
+/// A strand that departs from the carried one by more than this on the mean has gone to other hair \[mm\]: hair moves by
+/// 20 mm in a fast frame, and the motion is known to 3 mm or so.
+const DEPARTED_MM: f32 = 8.0;
+/// What a point that the carried strand has and the new one lacks counts as \[mm\].
+const LOST_POINT_MM: f32 = 20.0;
+/// How much the carried strand draws when a strand that follows less has departed.
+const FIRMER: [f32; 2] = [0.4, 0.75];
+
 struct Grower<'a> {
     field: LineField<'a>,
     mode: Mode,
@@ -305,8 +322,27 @@ struct Head {
 }
 
 impl Grower<'_> {
-    /// `guide`: the strand of the frame before, carried into this one; empty where there is none.
-    fn grow(&self, root: Vec3, normal: Vec3, guide: &[Vec3]) -> Grown {
+    /// A strand that follows a carried one, and follows it more firmly where it would go to other hair or end early: a
+    /// reconstruction of one frame alone may do so, hair does not.
+    fn grow_after(&self, root: Vec3, normal: Vec3, carried: &[Vec3]) -> Grown {
+        let grown = |follow: f32| {
+            let strand = self.grow(root, normal, &Guide { points: carried, follow });
+            (departure(&strand.points, carried), strand)
+        };
+        let mut best = grown(self.settings.follow);
+        for follow in FIRMER.into_iter().filter(|&follow| follow > self.settings.follow) {
+            if best.0 <= DEPARTED_MM {
+                break;
+            }
+            let firmer = grown(follow);
+            if firmer.0 < best.0 {
+                best = firmer;
+            }
+        }
+        best.1
+    }
+
+    fn grow(&self, root: Vec3, normal: Vec3, guide: &Guide) -> Grown {
         let step = self.settings.step_mm as f32;
         let robust_gap =
             if self.mode == Mode::Robust { (self.settings.gap_mm / self.settings.step_mm) as usize } else { 0 };
@@ -336,29 +372,29 @@ impl Grower<'_> {
     }
 
     /// The most points that a strand may get: little more than it had in the frame before.
-    fn most_points(&self, guide: &[Vec3]) -> usize {
+    fn most_points(&self, guide: &Guide) -> usize {
         let most = self.settings.max_points();
         let more = (self.settings.extend_mm / self.settings.step_mm) as usize;
-        if guide.is_empty() { most } else { most.min(guide.len() + more) }
+        if guide.points.is_empty() { most } else { most.min(guide.points.len() + more) }
     }
 
     /// The direction from a growing strand to the carried one a little ahead; `None` near and beyond its end.
-    fn aim(&self, head: &Head, guide: &[Vec3]) -> Option<Vec3> {
+    fn aim(&self, head: &Head, guide: &Guide) -> Option<Vec3> {
         let ahead = (head.arc + self.settings.aim_mm as f32) / self.settings.step_mm as f32;
-        (*guide.get(ahead.round() as usize)? - head.at).try_normalize()
+        (*guide.points.get(ahead.round() as usize)? - head.at).try_normalize()
     }
 
     /// A direction drawn towards the carried strand.
-    fn drawn(&self, head: &Head, direction: Vec3, guide: &[Vec3]) -> Vec3 {
+    fn drawn(&self, head: &Head, direction: Vec3, guide: &Guide) -> Vec3 {
         match self.aim(head, guide) {
-            Some(aim) => direction.lerp(aim, self.settings.follow).normalize_or(direction),
+            Some(aim) => direction.lerp(aim, guide.follow).normalize_or(direction),
             None => direction,
         }
     }
 
     /// The direction towards which a line is turned. Close to the root, where the normal is across the lines and does not
     /// decide between their two ends, hair falls.
-    fn facing(&self, head: &Head, normal: Vec3, guide: &[Vec3]) -> Vec3 {
+    fn facing(&self, head: &Head, normal: Vec3, guide: &Guide) -> Vec3 {
         if let Some(aim) = self.aim(head, guide) {
             return (head.direction + aim).normalize_or(head.direction);
         }
@@ -370,7 +406,7 @@ impl Grower<'_> {
 
     /// The direction of the next step: the midpoint rule, blended with the previous direction; near the root a turn from
     /// the normal into the field. `None` where the lines around do not agree or turn too sharply.
-    fn next_direction(&self, head: &Head, normal: Vec3, here: Option<Sample>, guide: &[Vec3]) -> Option<Vec3> {
+    fn next_direction(&self, head: &Head, normal: Vec3, here: Option<Sample>, guide: &Guide) -> Option<Vec3> {
         let step = self.settings.step_mm as f32;
         let near_root = head.arc < self.settings.root_mm && self.mode == Mode::Robust;
         let Some(here) = here else {
@@ -422,4 +458,10 @@ impl Grower<'_> {
         let pushes = [0.1, 0.4, 0.8].map(|push| (direction + inwards * (lean.max(0.0) + push)).normalize_or(direction));
         pushes.into_iter().find(|&d| !leaves(d)).map_or((direction, false), |d| (d, true))
     }
+}
+
+/// The mean distance of a strand from a carried one, point by point along both \[mm\].
+fn departure(strand: &[Vec3], carried: &[Vec3]) -> f32 {
+    let distance = |i: usize| strand.get(i).map_or(LOST_POINT_MM, |point| point.distance(carried[i]));
+    (0..carried.len()).map(distance).sum::<f32>() / carried.len().max(1) as f32
 }
