@@ -2,14 +2,25 @@
 
 use crate::{
     lanes::{Lanes, Portable, V3},
+    linear::{self, LinearModel, LinearScratch},
     params::LaneParams,
     rest::LaneRest,
     system::StepConstants,
     window::{self, WindowInput, WindowWorkspace},
 };
 
+/// A piece of work to be compiled with the vector instructions of its lanes; `run` must be `inline(always)`.
+pub trait Job<R> {
+    /// What it gives.
+    type Output;
+    /// Does it.
+    fn run(self) -> Self::Output;
+}
+
 /// The heavy functions of a lane type, each compiled with the instructions of that type.
 pub trait Kernels: Lanes {
+    /// Runs a job with this type's instructions.
+    fn call<J: Job<Self>>(job: J) -> J::Output;
     /// [`window::simulate`].
     fn simulate(input: &WindowInput<Self>, workspace: &mut WindowWorkspace<Self>);
     /// [`window::evaluate`].
@@ -23,11 +34,29 @@ pub trait Kernels: Lanes {
         positions: (&[V3<Self>], &mut [V3<Self>]),
         workspace: &mut WindowWorkspace<Self>,
     );
+    /// [`linear::gather`].
+    fn gather(model: &LinearModel<Self>, frames: &[V3<Self>], out: &mut [V3<Self>], scratch: &mut LinearScratch<Self>);
+    /// [`linear::solve`].
+    fn solve(
+        model: &LinearModel<Self>,
+        rhs: &[V3<Self>],
+        out: &mut [V3<Self>],
+        iterations: usize,
+        scratch: &mut LinearScratch<Self>,
+    );
 }
 
 macro_rules! kernels {
     ($lanes:ty $(, $feature:literal)?) => {
         impl Kernels for $lanes {
+            fn call<J: Job<Self>>(job: J) -> J::Output {
+                $(#[target_feature(enable = $feature)])?
+                unsafe fn run<J: Job<$lanes>>(job: J) -> J::Output {
+                    job.run()
+                }
+                // SAFETY: values of this lane type exist only where the processor has its instructions.
+                unsafe { run(job) }
+            }
             fn simulate(input: &WindowInput<Self>, workspace: &mut WindowWorkspace<Self>) {
                 $(#[target_feature(enable = $feature)])?
                 unsafe fn run(input: &WindowInput<$lanes>, workspace: &mut WindowWorkspace<$lanes>) {
@@ -65,6 +94,44 @@ macro_rules! kernels {
                 }
                 // SAFETY: as above.
                 unsafe { run(rest, params, constants, iterations, positions, workspace) }
+            }
+            fn gather(
+                model: &LinearModel<Self>,
+                frames: &[V3<Self>],
+                out: &mut [V3<Self>],
+                scratch: &mut LinearScratch<Self>,
+            ) {
+                $(#[target_feature(enable = $feature)])?
+                unsafe fn run(
+                    model: &LinearModel<$lanes>,
+                    frames: &[V3<$lanes>],
+                    out: &mut [V3<$lanes>],
+                    scratch: &mut LinearScratch<$lanes>,
+                ) {
+                    linear::gather(model, frames, out, scratch);
+                }
+                // SAFETY: as above.
+                unsafe { run(model, frames, out, scratch) }
+            }
+            fn solve(
+                model: &LinearModel<Self>,
+                rhs: &[V3<Self>],
+                out: &mut [V3<Self>],
+                iterations: usize,
+                scratch: &mut LinearScratch<Self>,
+            ) {
+                $(#[target_feature(enable = $feature)])?
+                unsafe fn run(
+                    model: &LinearModel<$lanes>,
+                    rhs: &[V3<$lanes>],
+                    out: &mut [V3<$lanes>],
+                    iterations: usize,
+                    scratch: &mut LinearScratch<$lanes>,
+                ) {
+                    linear::solve(model, rhs, out, iterations, scratch);
+                }
+                // SAFETY: as above.
+                unsafe { run(model, rhs, out, iterations, scratch) }
             }
         }
     };

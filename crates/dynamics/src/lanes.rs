@@ -42,6 +42,12 @@ pub trait Lanes:
     /// `value` in the lanes where `self` > 0, zero elsewhere.
     fn where_positive(self, value: Self) -> Self;
 
+    /// `a` in the lanes where `self` > 0, `b` elsewhere.
+    #[inline(always)]
+    fn choose(self, a: Self, b: Self) -> Self {
+        self.where_positive(a) + (-self).where_positive(b)
+    }
+
     /// Zero.
     #[inline(always)]
     fn zero() -> Self {

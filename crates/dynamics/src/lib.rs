@@ -12,6 +12,7 @@ pub mod lanes;
 #[cfg(target_arch = "x86_64")]
 pub mod lanes_x86;
 pub mod lbfgs;
+pub mod linear;
 pub mod lu;
 pub mod params;
 pub mod refine;

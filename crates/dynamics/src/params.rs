@@ -13,6 +13,9 @@ pub struct Params {
     pub drag: f64,
 }
 
+/// Log parameters that are fitted.
+pub const THETA: usize = 6;
+
 /// Damping time τ of the tied model c = τ k \[s\]. From 0.3 to 3 ms the fit ends at the same error.
 const DAMPING_SECS: f64 = 1e-3;
 

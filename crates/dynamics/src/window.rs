@@ -68,6 +68,11 @@ impl<R: Lanes> WindowWorkspace<R> {
         }
     }
 
+    /// Factors of the steps of the last run, shape (steps, n).
+    pub fn factors(&self) -> &[BlockRow<R>] {
+        &self.factors
+    }
+
     /// Positions after `step` substeps of the last run \[mm\], length n.
     pub fn positions(&self, step: usize) -> &[V3<R>] {
         let n = self.mu.len();

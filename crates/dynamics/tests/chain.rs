@@ -139,8 +139,7 @@ fn strands_grown_anew_in_each_frame() {
 fn single_precision_lanes_agree_with_scalar_doubles() {
     let truths = [simulate(&Scene { frames: 12, n: 20, ..Scene::default() })];
     let tracks = [noisy(&truths[0], 2.0, 3)];
-    // Iterated to rest: a search that stops at its budget stops elsewhere in each precision.
-    let options = RefineOptions { iterations: 60, evaluations: 90, ..RefineOptions::default() };
+    let options = RefineOptions::default();
     let wide = refine(&tracks, &take(&truths[0]), &options);
     let wide = [wide[0].as_ref().expect("refined")];
     let scalar = refine_on::<f64>(&tracks, &take(&truths[0]), &options);

@@ -31,7 +31,7 @@ pub struct Fitted {
     pub parameters: Vec<[f32; 9]>,
     /// Per strand: root mean square distance of the refined to the given points \[mm\].
     pub residual_mm: Vec<f32>,
-    /// Per strand: windows fitted, windows that stopped without converging, windows that failed.
+    /// Per strand: windows fitted, windows whose last step made nothing better, windows that failed.
     pub windows: Vec<[u16; 3]>,
 }
 
@@ -47,9 +47,11 @@ pub struct FitSettings {
     pub aging_frames: f64,
     /// Simulation steps per frame; five are 2 ms at 100 frames a second.
     pub substeps: usize,
-    /// Optimiser steps per window.
+    /// Gauss–Newton steps per window in robust mode; 0 takes the quasi-Newton search of paper mode.
+    pub newton_steps: usize,
+    /// Steps of the quasi-Newton search per window.
     pub iterations: usize,
-    /// Evaluations of value and gradient per window, the bulk of the stage's time.
+    /// Evaluations of value and gradient per window in that search.
     pub evaluations: usize,
     /// Half the range of the log parameters around their start.
     pub log_range: f64,
@@ -73,6 +75,7 @@ impl Default for FitSettings {
             window_frames: options.window_frames,
             aging_frames: options.aging_frames,
             substeps: options.substeps,
+            newton_steps: options.newton_steps,
             iterations: options.iterations,
             evaluations: options.evaluations,
             log_range: options.log_range,
@@ -96,6 +99,7 @@ impl FitSettings {
         count("fit.outer_passes", self.outer_passes, 0..=20, "0 keeps the cleaned strands");
         count("fit.window_frames", self.window_frames, 1..=50, "the memory of a window grows with it");
         count("fit.substeps", self.substeps, 1..=50, "five are 2 ms at 100 frames a second");
+        count("fit.newton_steps", self.newton_steps, 0..=50, "one comes as far as eight of the quasi-Newton search");
         count("fit.iterations", self.iterations, 1..=200, "eight suffice");
         count("fit.evaluations", self.evaluations, 1..=400, "at least one per iteration is needed");
         let mut real = |field: &str, value: f64, (low, high): (f64, f64), reason: &str| {
@@ -119,6 +123,7 @@ impl FitSettings {
             window_frames: self.window_frames,
             aging_frames: self.aging_frames,
             substeps: self.substeps,
+            newton_steps: self.newton_steps,
             iterations: self.iterations,
             evaluations: self.evaluations,
             log_range: self.log_range,

@@ -5,20 +5,20 @@ use glam::DVec3;
 use crate::{
     kernels::Kernels,
     lanes::{V3, zero3},
-    lbfgs::{Lbfgs, Limits, Stop},
     params::{LaneParams, Params},
     refine::{
         RefineOptions, Refined, Take,
         bundle::{Bundle, set},
         clean::clean,
         filter,
+        newton::Newton,
         track::Prepared,
     },
     window::{WindowInput, WindowWorkspace},
 };
 
 /// Unit of the velocity variables \[mm/s\].
-const VELOCITY_UNIT: f64 = 100.0;
+pub(super) const VELOCITY_UNIT: f64 = 100.0;
 /// A window that ends further from the states it should refine than this share of the strand's length (root mean
 /// square) plus [`FAILED_LEAST_MM`] failed.
 const FAILED_SHARE: f64 = 0.15;
@@ -128,9 +128,11 @@ fn samples_of<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Take, 
 }
 
 /// What one lane carries from window to window.
-struct LaneState {
-    theta: [f64; 6],
-    scale: Option<f64>,
+pub(super) struct LaneState {
+    pub(super) theta: [f64; 6],
+    /// What earlier windows know about the parameters: the prior of the next.
+    pub(super) known: [[f64; 6]; 6],
+    pub(super) scale: Option<f64>,
     sum: [f64; 6],
     fitted: usize,
     windows: [usize; 3],
@@ -138,7 +140,26 @@ struct LaneState {
 
 impl LaneState {
     fn new(options: &RefineOptions) -> Self {
-        Self { theta: options.start.to_log(), scale: None, sum: [0.0; 6], fitted: 0, windows: [0; 3] }
+        Self {
+            theta: options.start.to_log(),
+            known: [[0.0; 6]; 6],
+            scale: None,
+            sum: [0.0; 6],
+            fitted: 0,
+            windows: [0; 3],
+        }
+    }
+
+    /// Counts a window: what it found, or that it failed.
+    pub(super) fn count(&mut self, found: Option<(&[f64; 6], bool)>) {
+        let Some((theta, done)) = found else {
+            self.windows[2] += 1;
+            return;
+        };
+        self.theta = *theta;
+        (0..6).for_each(|a| self.sum[a] += theta[a]);
+        self.fitted += 1;
+        self.windows[usize::from(!done)] += 1;
     }
 
     fn begin_pass(&mut self) {
@@ -166,12 +187,17 @@ fn pass_over<R: Kernels>(
     let mut sum = x.to_vec();
     let mut count = vec![0.0; frames];
     let mut window = Window::new(bundle, span);
+    let mut newton = Newton::new(n, span);
     for start in 0..frames - span {
         window.begin(bundle, samples, x, start, take, options);
-        let failed = window.fit(bundle, start, options, states, workspace);
+        let failed = if options.newton_steps > 0 && !options.letter {
+            window.fit_newton(bundle, start, options, states, &mut newton, workspace)
+        } else {
+            window.fit_search(bundle, start, options, states, workspace)
+        };
         for frame in 1..=span {
             let t = start + frame;
-            let simulated = workspace.positions(frame * options.substeps);
+            let simulated = &window.best[(frame - 1) * n..frame * n];
             let first = count[t] == 0.0;
             count[t] += 1.0;
             for i in 0..n {
@@ -200,16 +226,18 @@ fn pass_over<R: Kernels>(
 }
 
 /// The window that all lanes are in, with its buffers.
-struct Window<R> {
-    span: usize,
+pub(super) struct Window<R> {
+    pub(super) span: usize,
     x0: Vec<V3<R>>,
-    v0: Vec<V3<R>>,
-    start_v: Vec<V3<R>>,
+    pub(super) v0: Vec<V3<R>>,
+    pub(super) start_v: Vec<V3<R>>,
     targets: Vec<V3<R>>,
-    weights: Vec<R>,
+    pub(super) weights: Vec<R>,
     /// The states of the last frame before this pass.
     end: Vec<V3<R>>,
-    gradient: Vec<f64>,
+    pub(super) gradient: Vec<f64>,
+    /// Predicted frames of the best fit, shape (span, n).
+    pub(super) best: Vec<V3<R>>,
 }
 
 impl<R: Kernels> Window<R> {
@@ -224,6 +252,7 @@ impl<R: Kernels> Window<R> {
             weights: vec![R::zero(); span * n],
             end: vec![zero3(); n],
             gradient: Vec::new(),
+            best: vec![zero3(); span * n],
         }
     }
 
@@ -278,71 +307,8 @@ impl<R: Kernels> Window<R> {
         }
     }
 
-    /// Fits every lane; leaves the best simulation in the workspace. Says which lanes failed.
-    fn fit(
-        &mut self,
-        bundle: &Bundle<R>,
-        start: usize,
-        options: &RefineOptions,
-        states: &mut [LaneState],
-        workspace: &mut WindowWorkspace<R>,
-    ) -> Vec<bool> {
-        let limits =
-            Limits { iterations: options.iterations, evaluations: options.evaluations, gradient: 1e-4, decrease: 1e-3 };
-        let centre = options.start.to_log();
-        let mut searches: Vec<Lbfgs> = states
-            .iter()
-            .enumerate()
-            .map(|(lane, state)| {
-                let free =
-                    if options.letter { 0 } else { 3 * (bundle.counts[lane] - bundle.fixed.min(bundle.counts[lane])) };
-                let mut x = state.theta.to_vec();
-                x.resize(6 + free, 0.0);
-                let bound = |sign: f64| {
-                    let mut b: Vec<f64> = centre.iter().map(|c| c + sign * options.log_range).collect();
-                    b.resize(6 + free, sign * f64::INFINITY);
-                    b
-                };
-                Lbfgs::new(x, bound(-1.0), bound(1.0), limits).with_scale(state.scale)
-            })
-            .collect();
-        let mut params = LaneParams::splat(&options.start);
-        while searches.iter().any(|s| s.stop().is_none()) {
-            for (lane, search) in searches.iter().enumerate() {
-                if let Some(x) = search.ask() {
-                    self.put_variables(bundle, lane, x, &mut params);
-                }
-            }
-            R::evaluate(&self.input(bundle, start, params, options), workspace);
-            for (lane, search) in searches.iter_mut().enumerate() {
-                let Some(x) = search.ask() else { continue };
-                let value = objective(bundle, workspace, lane, x, options, &mut self.gradient);
-                search.tell(value, &self.gradient);
-            }
-        }
-        for (lane, search) in searches.iter().enumerate() {
-            self.put_variables(bundle, lane, search.best().1, &mut params);
-        }
-        R::simulate(&self.input(bundle, start, params, options), workspace);
-        let failed: Vec<bool> = (0..states.len())
-            .map(|lane| searches[lane].stop() == Some(Stop::Failed) || self.strayed(bundle, workspace, lane, options))
-            .collect();
-        for (lane, state) in states.iter_mut().enumerate() {
-            if failed[lane] {
-                state.windows[2] += 1;
-                continue;
-            }
-            let search = &searches[lane];
-            state.theta.copy_from_slice(&search.best().1[..6]);
-            state.scale = search.scale();
-            (0..6).for_each(|a| state.sum[a] += state.theta[a]);
-            state.fitted += 1;
-            state.windows[usize::from(search.stop() != Some(Stop::Converged))] += 1;
-        }
-        failed
-    }
-
-    fn input<'a>(
+    /// The simulation of the window with these parameters.
+    pub(super) fn input<'a>(
         &'a self,
         bundle: &'a Bundle<R>,
         start: usize,
@@ -362,49 +328,13 @@ impl<R: Kernels> Window<R> {
         }
     }
 
-    /// Sets a lane's parameters and initial velocity from its variables.
-    fn put_variables(&mut self, bundle: &Bundle<R>, lane: usize, x: &[f64], params: &mut LaneParams<R>) {
-        let theta = [x[0], x[1], x[2], x[3], x[4], x[5]];
-        params.set(lane, &Params::from_log(&theta));
-        for (i, dv) in (bundle.fixed..).zip(x[6..].chunks_exact(3)) {
-            for (axis, change) in dv.iter().enumerate() {
-                let v = self.start_v[i][axis].get(lane) + VELOCITY_UNIT * change;
-                self.v0[i][axis].set(lane, v);
-            }
-        }
-    }
-
     /// Whether a lane's simulation ended somewhere its samples cannot have meant.
-    fn strayed(&self, bundle: &Bundle<R>, w: &WindowWorkspace<R>, lane: usize, options: &RefineOptions) -> bool {
+    pub(super) fn strayed(&self, bundle: &Bundle<R>, end: &[V3<R>], lane: usize, options: &RefineOptions) -> bool {
         let count = bundle.counts[lane];
-        let end = w.positions(self.span * options.substeps);
         let square: f64 =
             (0..count).map(|i| bundle.get(&end[i], lane).distance_squared(bundle.get(&self.end[i], lane))).sum();
         let reach = FAILED_SHARE * options.edge_mm * count as f64 + FAILED_LEAST_MM;
         let rms = (square / count as f64).sqrt();
         !rms.is_finite() || rms > reach
     }
-}
-
-/// Value and gradient of one lane: mean squared distance plus the velocity prior.
-fn objective<R: Kernels>(
-    bundle: &Bundle<R>,
-    w: &WindowWorkspace<R>,
-    lane: usize,
-    x: &[f64],
-    options: &RefineOptions,
-    gradient: &mut Vec<f64>,
-) -> f64 {
-    let theta = [x[0], x[1], x[2], x[3], x[4], x[5]];
-    let by_params = w.by_params.map(|g| g.get(lane));
-    gradient.clear();
-    gradient.extend(Params::from_log(&theta).log_gradient(&by_params));
-    let mut value = w.value.get(lane);
-    for (i, dv) in (bundle.fixed..).zip(x[6..].chunks_exact(3)) {
-        for (axis, change) in dv.iter().enumerate() {
-            value += options.velocity_prior * change * change;
-            gradient.push(VELOCITY_UNIT * w.by_v0[i][axis].get(lane) + 2.0 * options.velocity_prior * change);
-        }
-    }
-    value
 }
