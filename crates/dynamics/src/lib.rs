@@ -7,6 +7,7 @@ pub mod altitude;
 pub mod band;
 pub mod derivative;
 pub mod exact;
+pub mod fused;
 pub mod kernels;
 pub mod lanes;
 #[cfg(target_arch = "x86_64")]
