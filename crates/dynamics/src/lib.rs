@@ -5,6 +5,8 @@ pub mod warp;
 
 pub mod altitude;
 pub mod band;
+pub mod bench;
+pub mod counted;
 pub mod derivative;
 pub mod exact;
 pub mod fused;
