@@ -50,6 +50,8 @@ pub enum Command {
     Synth(SynthArgs),
     /// Make a small synthetic capture, run everything on it, score it and write exports. Needs no file.
     Demo(DemoArgs),
+    /// Time the dynamics on this machine: kernels, a strand, threads.
+    Bench(BenchArgs),
 }
 
 /// `strandflow new`.
@@ -89,6 +91,14 @@ pub struct RunArgs {
     /// Print events as lines of JSON instead of progress bars.
     #[arg(long)]
     pub json: bool,
+}
+
+/// `strandflow bench`.
+#[derive(Debug, clap::Args)]
+pub struct BenchArgs {
+    /// Frames of the strand that is refined.
+    #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u32).range(6..=100_000))]
+    pub frames: u32,
 }
 
 /// `strandflow status`.

@@ -3,6 +3,7 @@
 //! stdout is data, stderr is talk. Exit codes: 0 done, 1 failed, 2 bad usage or bad input.
 
 mod args;
+mod bench;
 mod capture_files;
 mod demo;
 mod evaluate;
@@ -44,6 +45,7 @@ fn main() -> ExitCode {
         Command::Overlay(args) => overlay::overlay(&args),
         Command::Synth(args) => synth::synth(&args),
         Command::Demo(args) => demo::demo(&args),
+        Command::Bench(args) => bench::bench(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

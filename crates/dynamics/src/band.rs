@@ -31,7 +31,7 @@ fn subtract_product<R: Lanes>(a: &mut Block<R>, b: &Block<R>, c: &Block<R>) {
 
 /// Solves X Lᵀ = X in place for the lower triangle `l` with reciprocal diagonal.
 #[inline(always)]
-fn solve_right<R: Lanes>(x: &mut Block<R>, l: &Block<R>) {
+pub(crate) fn solve_right<R: Lanes>(x: &mut Block<R>, l: &Block<R>) {
     for r in 0..3 {
         let x0 = x[3 * r] * l[0];
         let x1 = (x[3 * r + 1] - x0 * l[3]) * l[4];

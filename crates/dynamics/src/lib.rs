@@ -5,8 +5,11 @@ pub mod warp;
 
 pub mod altitude;
 pub mod band;
+pub mod bench;
+pub mod counted;
 pub mod derivative;
 pub mod exact;
+pub mod fused;
 pub mod kernels;
 pub mod lanes;
 #[cfg(target_arch = "x86_64")]

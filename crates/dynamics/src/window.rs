@@ -9,6 +9,7 @@
 
 use crate::{
     band::{self, BlockRow},
+    fused,
     lanes::{Lanes, V3, axpy, scale, sub, zero3},
     params::LaneParams,
     rest::LaneRest,
@@ -86,7 +87,8 @@ impl<R: Lanes> WindowWorkspace<R> {
     }
 }
 
-/// One step from (x, v) to (x₁, v₁), with the kinematic particles going to `path`; leaves the factor in `a`.
+/// One step from (x, v) to (x₁, v₁), with the kinematic particles going to `path`; leaves the factor in `a`. The packs take
+/// [`fused::advance`], which is the same in one sweep; this one is the scalar reference.
 #[inline(always)]
 pub fn advance<R: Lanes>(
     rest: &LaneRest<R>,
@@ -129,15 +131,15 @@ pub fn simulate<R: Lanes>(input: &WindowInput<R>, w: &mut WindowWorkspace<R>) {
             }
             let (before, after) = w.x.split_at_mut((step + 1) * n);
             let (v_before, v_after) = w.v.split_at_mut((step + 1) * n);
-            advance(
-                input.rest,
-                &input.params,
-                &input.constants,
-                (&before[step * n..], &v_before[step * n..]),
-                &path,
-                &mut w.factors[step * n..(step + 1) * n],
-                (&mut after[..n], &mut v_after[..n]),
-            );
+            let (rest, params, constants) = (input.rest, &input.params, &input.constants);
+            let state = (&before[step * n..], &v_before[step * n..]);
+            let factors = &mut w.factors[step * n..(step + 1) * n];
+            let out = (&mut after[..n], &mut v_after[..n]);
+            if R::COUNT > 1 {
+                fused::advance(rest, params, constants, state, &path, factors, out);
+            } else {
+                advance(rest, params, constants, state, &path, factors, out);
+            }
         }
         let x = &w.x[(frame + 1) * input.substeps * n..][..n];
         #[expect(clippy::needless_range_loop, reason = "one index through several arrays reads as the formula")]
@@ -209,7 +211,11 @@ pub fn relax<R: Lanes>(
             w.mu[i] = scale(per_step, sub(x_tilde[i], x[i]));
         }
         let (x1, v1) = (&mut w.x[..n], &mut w.v[..n]);
-        advance(rest, params, s, (x, &w.mu), x_tilde, &mut w.factors[..n], (x1, v1));
+        if R::COUNT > 1 {
+            fused::advance(rest, params, s, (x, &w.mu), x_tilde, &mut w.factors[..n], (x1, v1));
+        } else {
+            advance(rest, params, s, (x, &w.mu), x_tilde, &mut w.factors[..n], (x1, v1));
+        }
         x[s.kinematic..n].copy_from_slice(&x1[s.kinematic..n]);
     }
 }

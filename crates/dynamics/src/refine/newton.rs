@@ -32,6 +32,10 @@ use crate::{
 const GRADIENTS: usize = 5;
 /// Windows between renewals of S; with eight the error of a helix in wind grows by 4 %.
 const RENEWAL: usize = 4;
+/// The parameters that a step moves: bend, torsion and altitude stiffness, and drag. The motion says next to nothing about
+/// edge stiffness and damping time (METHOD §5); held where they start, no row of the table gets worse and S costs a third
+/// less.
+const EXCITED: [usize; 4] = [1, 2, 3, 5];
 /// Step of the differences in a log parameter.
 const DIFFERENCE: f64 = 0.2;
 /// What remains of the knowledge about θ from one window to the next.
@@ -129,7 +133,10 @@ impl Place {
         let pull = self.pull(&self.theta);
         let mut a = *schur;
         (0..THETA).for_each(|r| (0..THETA).for_each(|c| a[r][c] += self.prior[r][c]));
-        let found = solve_six(a, std::array::from_fn(|r| coupled[r] - half[r] - pull[r]));
+        let found = solve_six(
+            a,
+            std::array::from_fn(|r| if EXCITED.contains(&r) { coupled[r] - half[r] - pull[r] } else { 0.0 }),
+        );
         for r in 0..THETA {
             let step = if found[r].is_finite() { found[r].clamp(-REACH, REACH) } else { 0.0 };
             self.way[r] = (self.theta[r] + step).clamp(centre[r] - range, centre[r] + range) - self.theta[r];
@@ -251,7 +258,7 @@ impl<R: Kernels> Window<R> {
             frames[frame * n..(frame + 1) * n].copy_from_slice(workspace.positions((frame + 1) * options.substeps));
         }
         let model = self.model(bundle, options, places, factors);
-        for a in 0..THETA {
+        for a in EXCITED {
             let moved: Vec<[f64; THETA]> = places
                 .iter()
                 .map(|place| std::array::from_fn(|b| place.theta[b] + if a == b { DIFFERENCE } else { 0.0 }))
@@ -266,8 +273,8 @@ impl<R: Kernels> Window<R> {
             R::gather(&model, &slopes[a], &mut cross[a], scratch);
             R::solve(&model, &cross[a], &mut eliminated[a], GRADIENTS, scratch);
         }
-        for a in 0..THETA {
-            for b in 0..=a {
+        for a in EXCITED {
+            for b in EXCITED.into_iter().take_while(|&b| b <= a) {
                 let own = R::call(Weighted(&self.weights, &slopes[a], &slopes[b]));
                 let less = R::call(Inner(&cross[a], &eliminated[b]));
                 for (lane, schur) in schur.iter_mut().enumerate() {

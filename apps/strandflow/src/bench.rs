@@ -1,0 +1,45 @@
+//! `strandflow bench`: how fast the dynamics are on this machine, scalar doubles beside the packs.
+
+use strandflow_dynamics::bench;
+
+use crate::{args::BenchArgs, failure::Failed};
+
+#[expect(clippy::print_stdout, reason = "the table is the data of this command")]
+pub fn bench(args: &BenchArgs) -> Result<(), Failed> {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let mut threads = vec![1];
+    while threads[threads.len() - 1] * 2 <= cores {
+        threads.push(threads[threads.len() - 1] * 2);
+    }
+    let found = bench::run(args.frames as usize, &threads);
+    println!(
+        "{} lanes of f32; peak {:.1} Gflop/s and {:.1} GB/s of one thread",
+        found.lanes,
+        found.peak / 1e9,
+        found.stream / 1e9
+    );
+    println!(
+        "{:<28}{:>12}{:>11}{:>8}{:>10}{:>10}{:>11}{:>10}",
+        "kernel (per problem)", "scalar ms", "packs ms", "times", "kflop", "Gflop/s", "flop/byte", "% of roof"
+    );
+    for row in &found.rows {
+        let name = if row.name == "strand" { format!("strand of {} frames", args.frames) } else { row.name.into() };
+        print!("{name:<28}{:>12.4}{:>11.4}{:>8.1}", row.scalar_ms, row.packs_ms, row.scalar_ms / row.packs_ms);
+        if let (Some(operations), Some(bytes)) = (row.operations, row.bytes) {
+            let rate = operations as f64 / row.packs_ms * 1e3;
+            let intensity = operations as f64 / bytes as f64;
+            let roof = found.peak.min(intensity * found.stream);
+            print!(
+                "{:>10.1}{:>10.1}{intensity:>11.1}{:>10.0}",
+                operations as f64 / 1e3,
+                rate / 1e9,
+                100.0 * rate / roof
+            );
+        }
+        println!();
+    }
+    for (threads, rate) in &found.sweep {
+        println!("{threads} threads: {rate:.1} strands of {} frames a second", args.frames);
+    }
+    Ok(())
+}
