@@ -37,7 +37,7 @@ pub fn smooth(values: &[DVec3], weights: &[f64], observed: &[bool], n: usize) ->
 /// Half-widths of the average along the strand that [`structure`] chooses from \[particles\].
 const ALONG: [usize; 3] = [0, 3, 8];
 /// Half-widths in time that [`structure`] chooses from \[frames\].
-const IN_TIME: [usize; 3] = [2, 5, 10];
+const IN_TIME: [usize; 2] = [5, 10];
 /// What the structure must explain of the squared residual to be believed.
 const WORTH: f64 = 0.01;
 
@@ -85,6 +85,28 @@ fn average_along(values: &[DVec3], weights: &[f64], n: usize, half: usize) -> (V
 
 /// Weight of a residual where no sample is.
 const UNSEEN: f64 = 0.05;
+
+/// Half-width of the quadratic that the ends are drawn to \[frames\].
+const END_HALF: usize = 6;
+/// Weight of the first and of the second frame from either end in it: no window reaches frame 0, and few reach the others.
+const END_WEIGHTS: [f64; 2] = [0.1, 0.3];
+
+/// Draws the two first and two last frames of refined values (shape (T, n)) to quadratics in time through the frames beside
+/// them, by a share. Frame 0 is no window's prediction and the last frame is only one's: their noise is that of the samples.
+pub fn settle_ends(values: &mut [DVec3], n: usize, share: f64) {
+    let frames = values.len() / n;
+    if frames <= END_HALF {
+        return;
+    }
+    let weight = |t: usize| END_WEIGHTS.get(t.min(frames - 1 - t)).copied().unwrap_or(1.0);
+    let weights: Vec<f64> = (0..values.len()).map(|e| weight(e / n)).collect();
+    let (fitted, _) = fit_all(values, &weights, n, END_HALF);
+    for t in [0, 1, frames - 2, frames - 1] {
+        for e in t * n..(t + 1) * n {
+            values[e] = values[e].lerp(fitted[e], share);
+        }
+    }
+}
 
 /// The fit at every sample and its leverage (the weight of a sample in its own fit).
 pub fn fit_all(values: &[DVec3], weights: &[f64], n: usize, half: usize) -> (Vec<DVec3>, Vec<f64>) {

@@ -84,7 +84,7 @@ pub fn refine_bundle<R: Kernels>(lanes: &[&Prepared], take: &Take, options: &Ref
 
 /// Noise per coordinate at which samples and refinement count alike \[mm\]. At 1 mm the samples have a share of 1/40,
 /// and strands without noise keep their samples.
-const FAITHFUL_NOISE_MM: f64 = 0.4;
+const FAITHFUL_NOISE_MM: f64 = 0.25;
 
 /// Adds back what the samples say consistently over time against the simulation, in head space.
 fn add_structure<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Take, x: &mut [V3<R>]) {
@@ -99,12 +99,11 @@ fn add_structure<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Tak
         let residuals: Vec<DVec3> = (0..head.len()).map(residual).collect();
         let structure = filter::structure(&residuals, &p.weights, m);
         let faith = 1.0 / (1.0 + (p.noise_mm / FAITHFUL_NOISE_MM).powi(4));
+        let correction = |e: usize| structure[e].lerp(residuals[e], if p.weights[e] > 0.0 { faith } else { 0.0 });
+        let mut corrected: Vec<DVec3> = (0..head.len()).map(|e| head[e] + correction(e)).collect();
+        filter::settle_ends(&mut corrected, m, 1.0 - faith);
         for t in 0..bundle.frames {
-            let point = |i: usize| {
-                let e = t * m + i;
-                let correction = structure[e].lerp(residuals[e], if p.weights[e] > 0.0 { faith } else { 0.0 });
-                take.world_from_head[t].point(head[e] + correction)
-            };
+            let point = |i: usize| take.world_from_head[t].point(corrected[t * m + i]);
             bundle.put(&mut x[t * n..(t + 1) * n], lane, point);
         }
     }
