@@ -368,6 +368,7 @@ fn lane_params<R: Kernels>(theta: &[[f64; THETA]]) -> LaneParams<R> {
 }
 
 /// Solves a symmetric positive definite system of six by elimination; pivots below 1e-12 count as that.
+#[expect(clippy::needless_range_loop, reason = "one index through several arrays reads as the formula")]
 fn solve_six(mut a: Six, mut b: [f64; THETA]) -> [f64; THETA] {
     for k in 0..THETA {
         let pivot = a[k][k].max(1e-12);
