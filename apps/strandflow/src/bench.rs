@@ -4,6 +4,9 @@ use strandflow_dynamics::bench;
 
 use crate::{args::BenchArgs, failure::Failed};
 
+/// Strands of the three hairstyles of Table 1.
+const PAPER_STRANDS: [usize; 3] = [7421, 7403, 7992];
+
 #[expect(clippy::print_stdout, reason = "the table is the data of this command")]
 pub fn bench(args: &BenchArgs) -> Result<(), Failed> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
@@ -40,6 +43,12 @@ pub fn bench(args: &BenchArgs) -> Result<(), Failed> {
     }
     for (threads, rate) in &found.sweep {
         println!("{threads} threads: {rate:.1} strands of {} frames a second", args.frames);
+    }
+    if let Some((threads, rate)) = found.sweep.last() {
+        for strands in PAPER_STRANDS {
+            let secs = strands as f64 / rate;
+            println!("{strands} strands at this rate on {threads} threads: {secs:.0} s");
+        }
     }
     Ok(())
 }

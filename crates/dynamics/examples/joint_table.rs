@@ -1,5 +1,6 @@
 //! Prints the joint table of the robust chain: error, jitter and length of straight, wavy and helical strands with 3 mm
-//! of noise, clean, in unmodelled wind, and with outlier frames and hidden tails.
+//! of noise, clean, in unmodelled wind, and with outlier frames and hidden tails. With the argument `scalar` the same by
+//! the scalar double-precision chain.
 #![allow(clippy::print_stdout, missing_docs)]
 
 #[path = "../tests/truth/mod.rs"]
@@ -9,20 +10,21 @@ use std::time::Instant;
 
 use strandflow_dynamics::{
     GRAVITY,
-    refine::{RefineOptions, Take, Track, refine},
+    refine::{RefineOptions, Take, Track, refine, refine_on},
 };
 use truth::{
     FRAME_SECS, Scene, Shape, Truth, error, jitter, lengths, noisy, regrown, spoil, tip_speed, truth as simulate,
 };
 
 fn row(name: &str, scenes: &[(Truth, Track)], options: &RefineOptions) {
+    let scalar = std::env::args().any(|a| a == "scalar");
     let start = Instant::now();
     let mut means = [0.0; 8];
     let (mut low, mut high) = (f64::MAX, f64::MIN);
     let mut windows = [0; 3];
     let tracks: Vec<Track> = scenes.iter().map(|(_, track)| track.clone()).collect();
     let take = Take { world_from_head: &scenes[0].0.world_from_head, gravity: GRAVITY, frame_secs: FRAME_SECS };
-    let refined = refine(&tracks, &take, options);
+    let refined = if scalar { refine_on::<f64>(&tracks, &take, options) } else { refine(&tracks, &take, options) };
     let secs = start.elapsed().as_secs_f64();
     let tip = scenes.iter().map(|(truth, _)| tip_speed(truth) / 1000.0).fold(0.0, f64::max);
     for ((truth, track), refined) in scenes.iter().zip(&refined) {
@@ -53,8 +55,9 @@ fn row(name: &str, scenes: &[(Truth, Track)], options: &RefineOptions) {
 
 fn main() {
     let mut options = RefineOptions::default();
-    if let Some(count) = std::env::args().nth(1).and_then(|a| a.parse().ok()) {
-        (options.iterations, options.evaluations) = (count, 3 * count / 2);
+    // `search` takes the quasi-Newton search instead of Gauss–Newton, a number so many Gauss–Newton steps.
+    for arg in std::env::args().skip(1) {
+        options.newton_steps = if arg == "search" { 0 } else { arg.parse().unwrap_or(options.newton_steps) };
     }
     println!("                        input, cleaned, refined [mm]");
     let (plain, fast) = (Scene::default(), Scene::fast());

@@ -53,6 +53,7 @@ fn factor_diagonal<R: Lanes>(a: &mut Block<R>) {
 }
 
 /// Factors the rows from `first` on in place; earlier rows and columns are ignored. An indefinite matrix gives NaN.
+#[expect(clippy::needless_range_loop, reason = "iterators over vectors lose the vector instructions of their caller")]
 #[inline(always)]
 pub fn factor<R: Lanes>(a: &mut [BlockRow<R>], first: usize) {
     for i in first..a.len() {

@@ -1,5 +1,6 @@
 //! What the kernels do and how fast: scalar doubles beside the packs of this processor in one run, operations counted,
 //! against the peak that the same processor reaches on nothing but fused products.
+#![expect(clippy::needless_range_loop, reason = "iterators over vectors lose the vector instructions of their caller")]
 
 use std::time::Instant;
 

@@ -145,7 +145,7 @@ const FULL_PROX_NOISE_MM: f64 = 1.0;
 const PROX_STEPS: usize = 6;
 
 /// Edge stiffness of the finishing prox against that of the first: its step is shorter, so that the rest shape, which is
-/// an estimate, bends the result less. With the same edges the length varies by 0.3 mm, with these by 0.1.
+/// an estimate, bends the result less. With edges alike the length varies more.
 const FINISH_EDGES: f64 = 4.0;
 
 /// Sets one lane of a vector.

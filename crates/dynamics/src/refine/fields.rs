@@ -1,4 +1,5 @@
 //! Arithmetic on whole fields of vectors, compiled with the instructions of their lanes.
+#![expect(clippy::needless_range_loop, reason = "iterators over vectors lose the vector instructions of their caller")]
 #![allow(missing_docs)] // the fields of a job are the arguments of the formula in its sentence
 
 use crate::{

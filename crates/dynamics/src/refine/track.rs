@@ -234,7 +234,7 @@ fn rest_shape(head: &[DVec3], weights: &[f64], n: usize, median_shape: &[DVec3],
 }
 
 /// Half-width of the average along the strand where noise is large; hair curls evenly \[particles\]. With 2 the wavy and
-/// the helical strand end 2 % further off, with 8 the helix gains nothing more.
+/// the helical strand end further off, with 8 the helix gains nothing more.
 const ALONG_HALF: usize = 4;
 
 /// Replaces (value, weight) by weighted averages over neighbours along the strand.
