@@ -3,11 +3,11 @@
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Mask, Place, Plane, Report, RgbImage};
 use strandflow_image::{
-    appearance::{Appearance, features},
+    boost::{BoostOptions, Boosted},
+    colour::luma_of,
     filter::{gaussian_where, halved},
     flow::{Flow, FlowOptions, flow},
     matte::{MatteOptions, from_plate},
-    morph::eroded,
     region::Region,
 };
 
@@ -62,14 +62,12 @@ pub struct MasksSettings {
     pub shadow: f32,
     /// Half width of the border in which coverage is soft \[px\].
     pub border_px: usize,
-    /// Weight of appearance against the mask carried by flow (0: flow alone).
-    pub appearance_weight: f32,
-    /// Log likelihood ratio below which appearance is silent.
-    pub appearance_dead_zone: f32,
-    /// Sigma over which appearance is averaged \[px\].
-    pub appearance_px: f32,
-    /// Sigma over which texture is measured \[px\].
-    pub texture_px: f32,
+    /// Weight of the carried mask's log odds against those of the look.
+    pub carried_weight: f32,
+    /// Sigma over which the decision is averaged \[px\].
+    pub decision_px: f32,
+    /// Trees that learn the look of hair on a key frame.
+    pub trees: usize,
 }
 
 impl Default for MasksSettings {
@@ -80,10 +78,9 @@ impl Default for MasksSettings {
             hole_area_px: 60,
             shadow: 0.06,
             border_px: 6,
-            appearance_weight: 1.5,
-            appearance_dead_zone: 0.5,
-            appearance_px: 0.8,
-            texture_px: 2.0,
+            carried_weight: 0.3,
+            decision_px: 0.7,
+            trees: 80,
         }
     }
 }
@@ -97,10 +94,9 @@ impl MasksSettings {
             ("threshold", self.threshold, 1.0, 100.0),
             ("shadow", self.shadow, 0.0, 0.9),
             ("border_px", self.border_px as f32, 1.0, 64.0),
-            ("appearance_weight", self.appearance_weight, 0.0, 100.0),
-            ("appearance_dead_zone", self.appearance_dead_zone, 0.0, 20.0),
-            ("appearance_px", self.appearance_px, 0.0, 20.0),
-            ("texture_px", self.texture_px, 0.5, 20.0),
+            ("carried_weight", self.carried_weight, 0.0, 100.0),
+            ("decision_px", self.decision_px, 0.0, 20.0),
+            ("trees", self.trees as f32, 1.0, 1000.0),
         ] {
             let range = format!("{low}..={high}");
             let ok = (low..=high).contains(&value);
@@ -186,7 +182,7 @@ fn flow_between(from: &RgbImage, to: &RgbImage, region: Region) -> Flow {
     flow(&channels(from), &channels(to), &options).doubled(region.width, region.height)
 }
 
-/// Hair by appearance learnt on the key frame, with the carried mask as prior.
+/// Hair by its look learnt on the key frame, with the carried mask as prior.
 fn decided_hair(
     input: &MasksInput,
     subject: &Mask,
@@ -194,79 +190,76 @@ fn decided_hair(
     (key_image, key_hair): (&RgbImage, &Mask),
     settings: &MasksSettings,
 ) -> Mask {
-    let prior = carried.unwrap_or_else(|| key_hair.clone());
+    let carried = carried.unwrap_or_else(|| key_hair.clone());
     let key_subject = from_plate(key_image, input.plate, &matte_options(settings));
-    let (Some(key_region), Some(region)) = (around(&key_subject), around(subject)) else {
-        return within(&prior, subject);
-    };
-    let look = |image: &RgbImage, region: Region| {
-        features(&region.crop(image, |&c| c), settings.appearance_px, settings.texture_px)
-    };
-    let key_hair = key_region.crop(key_hair, |&m| f32::from(m) / 255.0);
-    let key_core = core(&key_region.crop(&key_subject, |&m| m));
-    // Mixtures teach nothing: only the core of the subject is learnt from, and as "not hair" only what is wider than the
-    // gaps between strands.
-    let not_hair = eroded(&key_hair.map(|&h| h < 0.3), 1);
-    let model = Appearance::learn(&look(key_image, key_region), |i| {
-        if key_core.data[i] { (key_hair.data[i], f32::from(u8::from(not_hair.data[i]))) } else { (0.0, 0.0) }
-    });
-    let Some(model) = model else { return within(&prior, subject) };
+    let model = hair_look(key_image, &key_subject, key_hair, settings);
+    let (Some(model), Some(region)) = (model, around(subject)) else { return within(&carried, subject) };
     let coverage = region.crop(subject, |&m| f32::from(m) / 255.0);
-    let inside = core(&region.crop(subject, |&m| m));
-    let prior = region.crop(&prior, |&m| f32::from(m) / 255.0);
-    let (colour, texture) = model.log_ratio(&look(input.image, region));
-    let share = hair_share(&prior, &coverage, &inside, (&colour, &texture), settings);
-    let covered = |(s, c): (&f32, &f32)| (255.0 * s * c).round() as u8;
+    let prior = region.crop(&carried, |&m| f32::from(m) / 255.0);
+    let odds = model.log_odds(&look(input.image, subject, region));
+    let share = |i: usize| {
+        let p = (prior.data[i] / coverage.data[i].max(0.3)).clamp(0.04, 0.96);
+        let logit = settings.carried_weight * (p / (1.0 - p)).ln() + odds[i];
+        1.0 / (1.0 + (-logit).exp())
+    };
+    let share = Plane { data: (0..coverage.data.len()).map(share).collect(), ..coverage };
+    let share = gaussian_where(&share, &coverage.map(|c| c + 1e-3), settings.decision_px);
+    let covered = |(&s, &c): (&f32, &f32)| (255.0 * at_border(s, c) * c).round() as u8;
     let data = share.data.iter().zip(&coverage.data).map(covered).collect();
-    let hair = Plane { width: share.width, height: share.height, data };
     let mut mask = empty(input.image);
-    region.paste(&hair, &mut mask);
+    region.paste(&Plane { width: share.width, height: share.height, data }, &mut mask);
     mask
 }
 
-/// The share of hair in the subject at every pixel, 0 to 1: flow prior and appearance in the core, its continuation in
-/// the soft border, where colours are mixed with the plate.
-fn hair_share(
-    prior: &Plane<f32>,
-    coverage: &Plane<f32>,
-    inside: &Plane<bool>,
-    (colour, texture): (&Plane<f32>, &Plane<f32>),
-    settings: &MasksSettings,
-) -> Plane<f32> {
-    let core = inside.map(|&m| if m { 1.0 } else { 0.0 });
-    let colour = gaussian_where(colour, &core, settings.appearance_px);
-    let decide = |i: usize| {
-        if !inside.data[i] {
-            return 0.0;
-        }
-        let p = (prior.data[i] / coverage.data[i].max(0.3)).clamp(0.04, 0.96);
-        let look = colour.data[i].clamp(-4.0, 4.0) + 0.5 * texture.data[i].clamp(-2.0, 2.0);
-        // The same look comes again in every frame: mild evidence must not add up against the flow.
-        let strong = look.signum() * (look.abs() - settings.appearance_dead_zone).max(0.0);
-        let logit = (p / (1.0 - p)).ln() + settings.appearance_weight * strong;
-        1.0 / (1.0 + (-logit).exp())
+/// The share of hair in what the subject covers of a pixel. Where colours are mixed with the plate the look falls short, and
+/// a pixel counts as the class that is more likely: hair from a share of 0.35 on.
+fn at_border(share: f32, coverage: f32) -> f32 {
+    if coverage < 0.98 { 1.0 / (1.0 + (-30.0 * (share - 0.35)).exp()) } else { share }
+}
+
+/// What hair looks like in a view, learnt on a key frame; `None` where the subject is all hair or has none.
+///
+/// Every second pixel that is all subject takes part, in a chequered pattern; the target is the coverage that the user gave.
+fn hair_look(image: &RgbImage, subject: &Mask, hair: &Mask, settings: &MasksSettings) -> Option<Boosted> {
+    let region = around(subject)?;
+    let columns = look(image, subject, region);
+    let (covered, hair) = (region.crop(subject, |&m| m), region.crop(hair, |&m| f32::from(m) / 255.0));
+    let chequered = |i: &usize| (i % hair.width + i / hair.width).is_multiple_of(2);
+    let learnt: Vec<usize> = (0..hair.data.len()).filter(|&i| covered.data[i] >= 230).filter(chequered).collect();
+    let columns: Vec<Vec<f32>> = columns.iter().map(|c| learnt.iter().map(|&i| c[i]).collect()).collect();
+    let target: Vec<f32> = learnt.iter().map(|&i| hair.data[i]).collect();
+    let options = BoostOptions { trees: settings.trees, ..BoostOptions::default() };
+    Boosted::learn(&columns, &target, &vec![1.0; target.len()], &options)
+}
+
+/// The features of every pixel of a region, a column each: colour ratios (which shade leaves alone) and brightness at
+/// three scales, the energy of fine texture at two, and the texture itself.
+fn look(image: &RgbImage, subject: &Mask, region: Region) -> Vec<Vec<f32>> {
+    // The plate must not bleed into the subject's colours.
+    let weight = region.crop(subject, |&m| if m >= 230 { 1.0 } else { 1e-3 + 0.2 * (f32::from(m) / 255.0).powi(2) });
+    let rgb = [0, 1, 2].map(|c| region.crop(image, |colour| f32::from(colour[c])));
+    let luma = region.crop(image, |&colour| luma_of(colour));
+    let ratio = |a: &Plane<f32>, b: &Plane<f32>| -> Vec<f32> {
+        a.data.iter().zip(&b.data).map(|(a, b)| ((a + 5.0) / (b + 5.0)).ln()).collect()
     };
-    let mut share = Plane { data: (0..coverage.data.len()).map(decide).collect(), ..*coverage };
-    let (near, far) = (gaussian_where(&share, &core, 2.0), gaussian_where(&share, &core, 6.0));
-    for i in 0..share.data.len() {
-        if !inside.data[i] && coverage.data[i] > 0.0 {
-            // Too far from any core (a flying wisp): what flow says.
-            let flown = (prior.data[i] / coverage.data[i].max(0.3)).min(1.0);
-            let continued = if near.data[i] > 0.0 { near.data[i] } else { far.data[i] };
-            share.data[i] = continued.max(flown);
-        }
+    let mut columns = Vec::new();
+    for sigma in [0.7, 1.5, 3.0] {
+        let [r, g, b] = rgb.each_ref().map(|plane| gaussian_where(plane, &weight, sigma));
+        columns.extend([ratio(&r, &g), ratio(&g, &b), gaussian_where(&luma, &weight, sigma).data]);
     }
-    share
+    let (fine, coarse) = (gaussian_where(&luma, &weight, 0.7), gaussian_where(&luma, &weight, 2.0));
+    let detail = Plane { data: fine.data.iter().zip(&coarse.data).map(|(a, b)| a - b).collect(), ..fine };
+    let energy = detail.map(|d| d * d);
+    for sigma in [1.5, 4.0] {
+        columns.push(gaussian_where(&energy, &weight, sigma).data.iter().map(|e| 0.5 * (e + 0.1).ln()).collect());
+    }
+    columns.push(detail.data);
+    columns
 }
 
 /// The subject's surroundings.
 fn around(subject: &Mask) -> Option<Region> {
     Some(Region::bounding(subject, |&m| m > 0)?.grown(8, subject.width, subject.height))
-}
-
-/// Pixels whose neighbourhood is all subject: no mixture with the plate.
-fn core(subject: &Mask) -> Plane<bool> {
-    eroded(&subject.map(|&m| m >= 230), 1)
 }
 
 fn check_sizes(input: &MasksInput) -> Result<(), StageError> {

@@ -69,7 +69,7 @@ impl Default for RefineOptions {
     fn default() -> Self {
         Self {
             outer_passes: 2,
-            window_frames: 5,
+            window_frames: 6,
             aging_frames: 4.0,
             substeps: 5,
             iterations: 8,
