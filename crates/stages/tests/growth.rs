@@ -9,8 +9,11 @@ use strandflow_core::{
 use strandflow_geometry::project::{project, project_direction, ray};
 use strandflow_stages::{
     Mode,
-    field::{FieldInput, FieldSettings, FieldVoxel, field},
-    grow::{GrowInput, GrowSettings, grow},
+    field::{
+        FieldInput, FieldSettings, FieldVoxel, field,
+        motion::{MotionInput, motion},
+    },
+    grow::{Before, GrowInput, GrowSettings, grow},
     lift::{LiftInput, LiftSettings, Line, lift},
     orient::OrientationMap,
     prune::{PruneInput, PruneSettings, prune},
@@ -138,6 +141,10 @@ fn mean_error_deg(grid: &Grid, found: impl Iterator<Item = (u32, Vec3)>) -> (f64
 }
 
 fn grown(field: &SparseVoxels<FieldVoxel>) -> (Strands, Vec<DVec3>) {
+    grown_after(field, None)
+}
+
+fn grown_after(field: &SparseVoxels<FieldVoxel>, before: Option<Before>) -> (Strands, Vec<DVec3>) {
     // Roots on the seen side of the upper half.
     let normals: Vec<DVec3> = (0..400)
         .map(|i| {
@@ -153,7 +160,7 @@ fn grown(field: &SparseVoxels<FieldVoxel>) -> (Strands, Vec<DVec3>) {
         normals: &normals,
         world_from_head: RigidTransform::IDENTITY,
         gravity: DVec3::new(0.0, 0.0, -9810.0),
-        before: None,
+        before,
     };
     (grow(&input, Mode::Robust, &GrowSettings::default(), &mut Report::default()).unwrap(), roots)
 }
@@ -250,6 +257,89 @@ fn strands_run_down_the_meridians_and_outliers_are_found() {
         assert_eq!(pruned.strands.strand_count(), 440);
         assert!((0..440).all(|n| (pruned.flags[n] == 0) != pruned.strands.strand(n).is_empty()));
     }
+}
+
+/// What the cameras see of the ball after a turn about the vertical: stripes along the meridians, finer and coarser ones.
+fn striped(rig: &Rig, turn: f64) -> Vec<Plane<[u8; 3]>> {
+    let of = |camera: &Camera| {
+        Plane::from_fn(camera.width, camera.height, |x, y| {
+            let ray = ray(camera, DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
+            let b = ray.origin.dot(ray.direction);
+            let inner = b * b - ray.origin.length_squared() + HAIR * HAIR;
+            if inner <= 0.0 {
+                return [90; 3];
+            }
+            let point = ray.origin + ray.direction * (-b - inner.sqrt());
+            let azimuth = point.y.atan2(point.x) - turn;
+            let light = 128.0
+                + 45.0 * (17.0 * azimuth).sin()
+                + 35.0 * (11.0 * azimuth + 1.0).sin()
+                + 25.0 * (5.0 * azimuth).cos();
+            [light as u8; 3]
+        })
+    };
+    rig.cameras.iter().map(of).collect()
+}
+
+#[test]
+fn motion_across_the_strands_is_seen_and_fills_the_volume() {
+    let scene = scene(0.0, None);
+    let lines = scene.lines(Mode::Robust);
+    let field = scene.field(&lines, Mode::Robust);
+    // The hair turns about the head by 2 mm at the equator; the head stands still.
+    let turn = 2.0 / HAIR;
+    let (now, before) = (striped(&scene.rig, turn), striped(&scene.rig, 0.0));
+    let (maps, hairs) = (scene.maps.iter().collect::<Vec<_>>(), scene.hairs.iter().collect::<Vec<_>>());
+    let input = MotionInput {
+        rig: &scene.rig,
+        hull: &scene.hull,
+        lines: &lines,
+        field: &field,
+        maps: &maps,
+        images: &now.iter().collect::<Vec<_>>(),
+        images_before: &before.iter().collect::<Vec<_>>(),
+        subjects: &hairs,
+        subjects_before: &hairs,
+        roots: &[],
+        world_from_head: RigidTransform::IDENTITY,
+        world_from_head_before: RigidTransform::IDENTITY,
+    };
+    let found = motion(&input, &FieldSettings::default());
+    assert_eq!(found.indices, field.indices);
+    let back = DMat3::from_rotation_z(-turn);
+    let (mut errors, mut moved) = (0.0, 0.0);
+    for (&index, u) in found.indices.iter().zip(&found.values) {
+        let point = found.grid.centre_of_index(index as usize);
+        // The side that three views see, away from the poles.
+        if point.y > 15.0 && point.z.abs() < 35.0 && point.length() > HAIR - 8.0 {
+            let truth = point - back * point;
+            // Along the strands nothing is seen, and no root is near that would tell.
+            errors += (u.as_dvec3() - truth).reject_from_normalized(meridian(point)).length();
+            moved += truth.length();
+        }
+    }
+    assert!(errors < 0.3 * moved, "{:.2} of the motion is not explained", errors / moved);
+}
+
+#[test]
+fn a_strand_follows_the_one_of_the_frame_before() {
+    let field_of = |noise: f64| {
+        let scene = scene(noise, None);
+        scene.field(&scene.lines(Mode::Robust), Mode::Robust)
+    };
+    let (clear, noisy) = (field_of(0.0), field_of(0.3));
+    let (first, _) = grown(&clear);
+    let still =
+        SparseVoxels { grid: noisy.grid, indices: noisy.indices.clone(), values: vec![Vec3::ZERO; noisy.len()] };
+    let before = Before { strands: &first, motion: &still, world_from_head: RigidTransform::IDENTITY };
+    let (alone, followed) = (grown(&noisy).0, grown_after(&noisy, Some(before)).0);
+    let distance = |strands: &Strands| {
+        let pairs = (0..first.strand_count()).flat_map(|n| first.strand(n).iter().zip(strands.strand(n)));
+        let (sum, count) = pairs.fold((0.0, 0), |(sum, count), (a, b)| (sum + a.distance(*b), count + 1));
+        sum / count.max(1) as f32
+    };
+    let (by_itself, after) = (distance(&alone), distance(&followed));
+    assert!(after < 0.6 * by_itself, "{by_itself:.2} mm by itself, {after:.2} mm after");
 }
 
 #[test]

@@ -51,7 +51,7 @@ pub mod motion {
     use strandflow_core::Report;
     use strandflow_stages::field::motion::{MotionInput, motion};
 
-    use super::super::{frame_of, lift, need_hull, need_masks, need_pose, need_rig, need_scalp, refs};
+    use super::super::{frame_of, lift, need_hull, need_masks, need_pose, need_rig, need_scalp, of_views, refs};
     use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
 
     pub(crate) fn prepare(_: &Job) -> Result<(), EngineError> {
@@ -78,7 +78,7 @@ pub mod motion {
         need_pose(job, frames.clone(), needs)?;
         for frame in frames {
             need_masks(job, frame, &["masks/subject"], needs)?;
-            for view in 0..job.take.rig().view_count() {
+            for &view in job.take.views().taking_part() {
                 needs.file(&job.take.sources().image_file(view, frame)?)?;
             }
         }
@@ -87,21 +87,19 @@ pub mod motion {
 
     pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, _: &mut Report) -> Result<(), EngineError> {
         let frame = frame_of(item)?;
-        let (take, rig) = (job.take, job.take.rig());
+        let take = job.take;
         let field = take.read_field(frame)?;
         let array = format!("field/{frame:06}/motion");
         let Some(before) = before(job, frame) else {
             return out.whole(&array, &[field.len(), 3], &vec![0.0f32; 3 * field.len()]);
         };
-        let images = |frame: usize| (0..rig.view_count()).map(move |v| take.images().image(v, frame));
-        let subjects = |frame: usize| (0..rig.view_count()).map(move |v| take.read_subject(v, frame));
-        let (images_now, images_before) =
-            (images(frame).collect::<Result<Vec<_>, _>>()?, images(before).collect::<Result<Vec<_>, _>>()?);
-        let (subjects_now, subjects_before) =
-            (subjects(frame).collect::<Result<Vec<_>, _>>()?, subjects(before).collect::<Result<Vec<_>, _>>()?);
+        let images = |frame: usize| of_views(job, |view| Ok(take.images().image(view, frame)?));
+        let subjects = |frame: usize| of_views(job, |view| take.read_subject(view, frame));
+        let (images_now, images_before) = (images(frame)?, images(before)?);
+        let (subjects_now, subjects_before) = (subjects(frame)?, subjects(before)?);
         let maps = lift::read_maps(job, frame)?;
         let input = MotionInput {
-            rig,
+            rig: take.views().rig(),
             hull: &take.read_hull(frame)?,
             lines: &take.read_lines(frame)?,
             field: &field,

@@ -155,7 +155,7 @@ struct Equation {
 ///
 /// `moved`: where the head's motion alone would have it in the frame before.
 fn observed(views: &[View], point: DVec3, moved: DVec3, line: &Line) -> Constraint<Vec3> {
-    let equations: Vec<Equation> = views.iter().filter_map(|view| across(view, point, moved)).collect();
+    let equations: Vec<Equation> = views.iter().filter_map(|view| across(view, point, moved, line)).collect();
     if equations.len() < 2 {
         return Constraint::default();
     }
@@ -182,7 +182,7 @@ fn observed(views: &[View], point: DVec3, moved: DVec3, line: &Line) -> Constrai
 }
 
 /// The equation of one view across the strands it shows there; `None` where it does not see the voxel.
-fn across(view: &View, point: DVec3, moved: DVec3) -> Option<Equation> {
+fn across(view: &View, point: DVec3, moved: DVec3, line: &Line) -> Option<Equation> {
     let pixel = project(view.camera, point)?;
     let behind = view.depth.behind_at(pixel, depth(view.camera, point))?;
     (behind <= SEEN_MM).then_some(())?;
@@ -193,6 +193,8 @@ fn across(view: &View, point: DVec3, moved: DVec3) -> Option<Equation> {
     let column = |axis: DVec3| -> Option<Vec2> { Some((project(view.camera, moved + axis)? - expected).as_vec2()) };
     let n = Vec2::from_angle(*view.map.angle.at_point(pixel.x, pixel.y)?).perp();
     let a = Vec3::new(n.dot(column(DVec3::X)?), n.dot(column(DVec3::Y)?), n.dot(column(DVec3::Z)?));
+    // The image's strand and the voxel's line differ a little; that must not pass for motion along the line.
+    let a = a.reject_from_normalized(line.direction);
     let weight = confidence * (4.0 / (4.0 + behind.max(0.0))).powi(2);
     Some(Equation { a, b: n.dot(flow - (expected - pixel).as_vec2()), weight })
 }
