@@ -7,7 +7,8 @@ use strandflow_core::{FrameRange, ImageSource, Mask, RgbImage, Rig};
 use strandflow_stages::Mode;
 
 use crate::{
-    EngineError, Manifest, Plan, disk, item::BLOCK_STRANDS, needs::Identities, sources::Sources, store::Store,
+    EngineError, Manifest, Plan, disk, item::BLOCK_STRANDS, needs::Identities, rooms::masks::Looks, sources::Sources,
+    store::Store,
 };
 
 /// Name of the results store within a take.
@@ -23,6 +24,7 @@ pub struct Take {
     store: Store,
     sources: Sources,
     identities: Identities,
+    looks: Looks,
 }
 
 impl Take {
@@ -35,7 +37,15 @@ impl Take {
         let rig = crate::sources::read_rig(root, &manifest)?;
         let sources = Sources::open(root, &manifest, &rig)?;
         let store = Store::open(&root.join(RESULTS))?;
-        Ok(Self { root: root.to_owned(), manifest, rig, store, sources, identities: Identities::default() })
+        Ok(Self {
+            root: root.to_owned(),
+            manifest,
+            rig,
+            store,
+            sources,
+            identities: Identities::default(),
+            looks: Looks::default(),
+        })
     }
 
     /// The take's folder.
@@ -138,6 +148,10 @@ impl Take {
     /// As [`Take::given_hair`].
     pub fn given_subject(&self, view: usize, frame: usize) -> Result<Option<Mask>, EngineError> {
         self.sources.given_mask(self.sources.subject_file(view, frame), view, frame, &self.rig)
+    }
+
+    pub(crate) fn looks(&self) -> &Looks {
+        &self.looks
     }
 
     pub(crate) fn identities(&self) -> &Identities {

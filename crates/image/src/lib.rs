@@ -1,7 +1,7 @@
 //! Filters, orientation maps, robust optical flow and mattes.
 
-pub mod appearance;
 pub mod blob;
+pub mod boost;
 pub mod colour;
 pub mod filter;
 pub mod flow;
