@@ -1,4 +1,4 @@
-//! What hair looks like in a view, learnt from the mask of a key frame: before skin, and before the plate.
+//! What hair looks like in a view, learnt from the mask of a key frame.
 //!
 //! *Deviation*: the paper carries the given mask along optical flow alone. Flow slips where hair lifts off skin; the look
 //! learnt from the same given mask does not drift.
@@ -9,7 +9,6 @@ use strandflow_image::{
     colour::luma_of,
     filter::{gaussian, gaussian_where},
     matte::from_plate,
-    morph::{dilated, eroded},
     region::Region,
 };
 
@@ -20,16 +19,13 @@ use crate::{
 
 /// Where pixels count as fully covered.
 const SOLID: u8 = 230;
-/// Pixels around the matte in which the plate may be seen between strands.
-const MARGIN: usize = 3;
 
 /// What hair looks like in a view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HairLook {
-    /// Hair against skin and markers; `None` where the subject of the key frame is all hair or has none.
+    /// Hair against skin, markers and the plate between strands; `None` where the key frame shows no subject, or one that is
+    /// all hair or has none.
     hair: Option<Boosted>,
-    /// Subject against the plate where hair is thin; `None` where the key frame shows no such place.
-    edge: Option<Boosted>,
 }
 
 impl HairLook {
@@ -54,61 +50,24 @@ impl HairLook {
             });
         }
         let matte = given_subject.map_or_else(|| from_plate(image, plate, &matte_options(settings)), Mask::clone);
-        let edge = given_subject.is_none().then(|| learnt_edge(image, plate, &matte, hair)).flatten();
-        Ok(Self { hair: learnt_hair(image, &matte, hair), edge })
-    }
-
-    /// The matte of an image, thinned where the plate is seen between strands.
-    pub fn thinned(&self, image: &RgbImage, plate: &RgbImage, matte: &Mask) -> Mask {
-        let (Some(edge), Some(region)) = (&self.edge, around(matte)) else { return matte.clone() };
-        let odds = edge.log_odds(&edge_columns(image, plate, matte, region));
-        let possible = dilated(&region.crop(matte, |&m| m > 0), MARGIN);
-        // Single pixels flicker with the noise: half a pixel of blur gains 0.001 to 0.002 of IoU on the captures.
-        let likely = odds.iter().map(|o| 1.0 / (1.0 + (-o).exp())).collect();
-        let likely = gaussian(&Plane { width: region.width, height: region.height, data: likely }, 0.5);
-        let coverage = |(&l, &p): (&f32, &bool)| if p && l >= 0.1 { (255.0 * l).round() as u8 } else { 0 };
-        let data = likely.data.iter().zip(&possible.data).map(coverage).collect();
-        let mut subject = Plane::filled(matte.width, matte.height, 0u8);
-        region.paste(&Plane { width: region.width, height: region.height, data }, &mut subject);
-        subject
+        Ok(Self { hair: learnt_hair((image, plate), &matte, hair) })
     }
 
     /// Log odds of hair at every pixel of a region of an image; 0 where nothing was learnt.
-    pub fn hair_odds(&self, image: &RgbImage, subject: &Mask, region: Region) -> Vec<f32> {
+    pub fn hair_odds(&self, image: &RgbImage, plate: &RgbImage, subject: &Mask, region: Region) -> Vec<f32> {
         match &self.hair {
-            Some(model) => model.log_odds(&hair_columns(image, subject, region)),
+            Some(model) => model.log_odds(&hair_columns((image, plate), subject, region)),
             None => vec![0.0; region.width * region.height],
         }
     }
 }
 
 /// Hair against what else is subject, from the pixels that the subject covers.
-fn learnt_hair(image: &RgbImage, subject: &Mask, hair: &Mask) -> Option<Boosted> {
+fn learnt_hair((image, plate): (&RgbImage, &RgbImage), subject: &Mask, hair: &Mask) -> Option<Boosted> {
     let region = around(subject)?;
     let solid = region.crop(subject, |&m| m >= SOLID);
     let hair = region.crop(hair, |&m| f32::from(m) / 255.0);
-    learnt(&hair_columns(image, subject, region), &hair, &solid)
-}
-
-/// Subject against plate. Hair of the given mask is subject, and so is what is solid without hair (skin, markers). A pixel
-/// with less hair than half is plate, unless skin is near: there it may be either.
-fn learnt_edge(image: &RgbImage, plate: &RgbImage, matte: &Mask, hair: &Mask) -> Option<Boosted> {
-    let region = around(matte)?;
-    let matte_here = region.crop(matte, |&m| m);
-    let hair = region.crop(hair, |&m| f32::from(m) / 255.0);
-    let bare = eroded(
-        &Plane {
-            data: (0..hair.data.len()).map(|i| matte_here.data[i] >= SOLID && hair.data[i] < 0.5).collect(),
-            ..matte_here.map(|_| false)
-        },
-        2,
-    );
-    let (near_bare, possible) = (dilated(&bare, 8), dilated(&matte_here.map(|&m| m > 0), MARGIN));
-    let used = |i: usize| possible.data[i] && (bare.data[i] || hair.data[i] >= 0.5 || !near_bare.data[i]);
-    let used = Plane { data: (0..hair.data.len()).map(used).collect(), ..bare };
-    let target =
-        Plane { data: hair.data.iter().zip(&bare.data).map(|(&h, &b)| if b { 1.0 } else { h }).collect(), ..hair };
-    learnt(&edge_columns(image, plate, matte, region), &target, &used)
+    learnt(&hair_columns((image, plate), subject, region), &hair, &solid)
 }
 
 /// Trees from every other of the pixels in use, rows taking turns.
@@ -123,7 +82,7 @@ fn learnt(columns: &[Vec<f32>], target: &Plane<f32>, used: &Plane<bool>) -> Opti
 
 /// Ratios of channels (they bear shadow), luma, and texture, at several scales: one column each. Colours are averaged over
 /// the subject, so that the plate does not bleed in.
-fn hair_columns(image: &RgbImage, subject: &Mask, region: Region) -> Vec<Vec<f32>> {
+fn hair_columns((image, plate): (&RgbImage, &RgbImage), subject: &Mask, region: Region) -> Vec<Vec<f32>> {
     let weight = region.crop(subject, |&m| if m >= SOLID { 1.0 } else { 1e-3 + 0.2 * (f32::from(m) / 255.0).powi(2) });
     let rgb = [0, 1, 2].map(|c| region.crop(image, |colour| f32::from(colour[c])));
     let luma = region.crop(image, |&colour| luma_of(colour));
@@ -142,27 +101,15 @@ fn hair_columns(image: &RgbImage, subject: &Mask, region: Region) -> Vec<Vec<f32
         columns.push(gaussian_where(&energy, &weight, sigma).data.iter().map(|e| 0.5 * (e + 0.1).ln()).collect());
     }
     columns.push(detail.data);
-    columns
-}
-
-/// Difference from the plate at several scales, its size, and the matte's own coverage: one column each.
-fn edge_columns(image: &RgbImage, plate: &RgbImage, matte: &Mask, region: Region) -> Vec<Vec<f32>> {
-    let channel = |source: &RgbImage, c: usize| region.crop(source, |colour| f32::from(colour[c]));
-    let difference = |c: usize| {
-        let (seen, behind) = (channel(image, c), channel(plate, c));
-        Plane { data: seen.data.iter().zip(&behind.data).map(|(a, b)| a - b).collect(), ..seen }
-    };
-    let difference = [0, 1, 2].map(difference);
-    let mut columns = Vec::new();
-    for sigma in [0.6, 1.2, 2.5, 5.0] {
-        let [r, g, b] = [0, 1, 2].map(|c| gaussian(&difference[c], sigma).data);
-        if sigma != 1.2 && sigma != 5.0 {
-            columns.push((0..r.len()).map(|i| (r[i] * r[i] + g[i] * g[i] + b[i] * b[i]).sqrt()).collect());
-        }
-        columns.extend([r, g, b]);
+    // How far from the plate, for thin hair.
+    let behind = [0, 1, 2].map(|c| region.crop(plate, |colour| f32::from(colour[c])));
+    let away = [0, 1, 2].map(|c| {
+        let data = rgb[c].data.iter().zip(&behind[c].data).map(|(a, b)| a - b).collect();
+        Plane { data, ..rgb[c] }
+    });
+    for sigma in [0.7, 2.5] {
+        let [r, g, b] = [0, 1, 2].map(|c| gaussian(&away[c], sigma).data);
+        columns.push((0..r.len()).map(|i| (r[i] * r[i] + g[i] * g[i] + b[i] * b[i]).sqrt()).collect());
     }
-    let coverage = region.crop(matte, |&m| f32::from(m) / 255.0);
-    columns.push(gaussian(&coverage, 3.0).data);
-    columns.push(coverage.data);
     columns
 }

@@ -119,6 +119,23 @@ fn hair_is_carried_over_five_frames_from_the_first_mask() {
     }
 }
 
+#[test]
+fn a_key_frame_of_another_size_or_without_hair_is_no_disaster() {
+    let plate = Plane::from_fn(150, 130, |_, _| [150u8, 172, 158]);
+    let (image, _, hair) = head_scene(0.0, 1);
+    let (settings, place) = (masks::MasksSettings::default(), Place::default());
+    let small = Plane::filled(149, 130, 0u8);
+    let error = HairLook::learn(&place, (&image, &plate, &small), None, &settings);
+    assert!(matches!(error, Err(StageError::Input { .. })));
+    // A bald head and an empty scene teach nothing; the mask carried by flow is then kept.
+    let bald = hair.map(|_| 0u8);
+    for (image, hair) in [(&image, &bald), (&plate, &hair)] {
+        let look = HairLook::learn(&place, (image, &plate, hair), None, &settings).unwrap();
+        let region = strandflow_image::region::Region::whole(hair);
+        assert!(look.hair_odds(image, &plate, hair, region).iter().all(|&o| o == 0.0));
+    }
+}
+
 struct Takes {
     images: Vec<Vec<Arc<RgbImage>>>,
 }
