@@ -7,8 +7,8 @@ use strandflow_core::{FrameRange, ImageSource, Mask, RgbImage, Rig};
 use strandflow_stages::Mode;
 
 use crate::{
-    EngineError, Manifest, Plan, disk, item::BLOCK_STRANDS, needs::Identities, sources::Sources, store::Store,
-    views::Views,
+    EngineError, Manifest, Plan, disk, item::BLOCK_STRANDS, needs::Identities, rooms::masks::Looks, sources::Sources,
+    store::Store, views::Views,
 };
 
 /// Name of the results store within a take.
@@ -25,6 +25,7 @@ pub struct Take {
     store: Store,
     sources: Sources,
     identities: Identities,
+    looks: Looks,
 }
 
 impl Take {
@@ -38,7 +39,8 @@ impl Take {
         let views = Views::of(&manifest, &rig)?;
         let sources = Sources::open(root, &manifest, &rig, &views)?;
         let store = Store::open(&root.join(RESULTS))?;
-        Ok(Self { root: root.to_owned(), manifest, rig, views, store, sources, identities: Identities::default() })
+        let (identities, looks) = (Identities::default(), Looks::default());
+        Ok(Self { root: root.to_owned(), manifest, rig, views, store, sources, identities, looks })
     }
 
     /// The take's folder.
@@ -146,6 +148,10 @@ impl Take {
     /// As [`Take::given_hair`].
     pub fn given_subject(&self, view: usize, frame: usize) -> Result<Option<Mask>, EngineError> {
         self.sources.given_mask(self.sources.subject_file(view, frame), view, frame, &self.rig)
+    }
+
+    pub(crate) fn looks(&self) -> &Looks {
+        &self.looks
     }
 
     pub(crate) fn identities(&self) -> &Identities {

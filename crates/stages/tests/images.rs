@@ -7,7 +7,7 @@ use strandflow_core::{
     Camera, Distortion, FrameRange, ImageSource, Mask, Place, Plane, Report, RgbImage, Rig, RigidTransform, SourceError,
 };
 use strandflow_geometry::project::project;
-use strandflow_stages::{Mode, StageError, masks, orient, pose};
+use strandflow_stages::{Mode, StageError, hair_look::HairLook, masks, orient, pose};
 
 /// Noise of about 3 code values, the same for the same seed.
 struct Noise(u32);
@@ -96,6 +96,8 @@ fn hair_is_carried_over_five_frames_from_the_first_mask() {
         Plane::from_fn(150, 130, |_, _| [150.0, 172.0, 158.0].map(|c| (c + noise.next()) as u8))
     };
     let (key_image, _, key_hair) = head_scene(0.0, 1);
+    let settings = masks::MasksSettings::default();
+    let look = HairLook::learn(&Place::default(), (&key_image, &plate, &key_hair), None, &settings).unwrap();
     for mode in [Mode::Paper, Mode::Robust] {
         let mut before: Option<(RgbImage, masks::Masks)> = None;
         for t in 0..6u32 {
@@ -107,14 +109,30 @@ fn hair_is_carried_over_five_frames_from_the_first_mask() {
                 given_subject: None,
                 given_hair: (t == 0).then_some(&key_hair),
                 previous: before.as_ref().map(|(image, masks)| masks::PreviousFrame { image, masks }),
-                key: Some((&key_image, &key_hair)),
+                key: Some((&key_hair, Some(&look))),
             };
-            let settings = masks::MasksSettings::default();
             let found = masks::masks(&input, mode, &settings, &mut Report::default()).unwrap();
             let (s, h) = (iou(&found.subject, &subject), iou(&found.hair, &hair));
             assert!(s > 0.97 && h > 0.93, "{mode:?} frame {t}: subject {s:.3}, hair {h:.3}");
             before = Some((image, found));
         }
+    }
+}
+
+#[test]
+fn a_key_frame_of_another_size_or_without_hair_is_no_disaster() {
+    let plate = Plane::from_fn(150, 130, |_, _| [150u8, 172, 158]);
+    let (image, _, hair) = head_scene(0.0, 1);
+    let (settings, place) = (masks::MasksSettings::default(), Place::default());
+    let small = Plane::filled(149, 130, 0u8);
+    let error = HairLook::learn(&place, (&image, &plate, &small), None, &settings);
+    assert!(matches!(error, Err(StageError::Input { .. })));
+    // A bald head and an empty scene teach nothing; the mask carried by flow is then kept.
+    let bald = hair.map(|_| 0u8);
+    for (image, hair) in [(&image, &bald), (&plate, &hair)] {
+        let look = HairLook::learn(&place, (image, &plate, hair), None, &settings).unwrap();
+        let region = strandflow_image::region::Region::whole(hair);
+        assert!(look.hair_odds(image, &plate, hair, region).iter().all(|&o| o == 0.0));
     }
 }
 

@@ -1,7 +1,16 @@
 //! Stage 1.
 
-use strandflow_core::{Place, Report};
-use strandflow_stages::masks::{MasksInput, PreviousFrame};
+use std::{
+    collections::HashMap,
+    sync::{Arc, Mutex, PoisonError},
+};
+
+use strandflow_core::{Mask, Place, Report};
+use strandflow_stages::{
+    Mode,
+    hair_look::HairLook,
+    masks::{MasksInput, MasksSettings, PreviousFrame},
+};
 
 use super::{images, of_stage, view_frame_of};
 use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
@@ -25,7 +34,9 @@ pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), Engi
     }
     if let Some(key) = key_frame(job, view, frame) {
         needs.file(&sources.image_file(view, key)?)?;
-        sources.hair_file(view, key).map_or(Ok(()), |file| needs.file(&file))?;
+        for given in [sources.hair_file(view, key), sources.subject_file(view, key)] {
+            given.map_or(Ok(()), |file| needs.file(&file))?;
+        }
     }
     if frame > job.plan.lead.start {
         needs.file(&sources.image_file(view, frame - 1)?)?;
@@ -51,7 +62,7 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
         None
     };
     let key = match key_frame(job, view, frame) {
-        Some(at) => take.given_hair(view, at)?.map(|mask| Ok::<_, EngineError>((take.images().image(view, at)?, mask))),
+        Some(at) => take.given_hair(view, at)?.map(|mask| Ok::<_, EngineError>((look(job, view, at, &mask)?, mask))),
         None => None,
     }
     .transpose()?;
@@ -62,10 +73,44 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
         given_subject: subject.as_ref(),
         given_hair: hair.as_ref(),
         previous: previous.as_ref().map(|(image, masks)| PreviousFrame { image, masks }),
-        key: key.as_ref().map(|(image, mask)| (&**image, mask)),
+        key: key.as_ref().map(|(learnt, mask)| (mask, learnt.as_ref().map(|l| &l.look))),
     };
     let masks = strandflow_stages::masks::masks(&input, job.plan.mode, &job.plan.settings.masks, report)
         .map_err(of_stage("masks"))?;
     images::write_image(job, out, ARRAYS[0], (view, frame), &masks.subject)?;
     images::write_image(job, out, ARRAYS[1], (view, frame), &masks.hair)
+}
+
+/// What was learnt of the hair in each view on its latest key frame: the frames that follow share it.
+#[derive(Default)]
+pub(crate) struct Looks(Mutex<HashMap<usize, Arc<Learnt>>>);
+
+/// A look and what it was learnt from.
+struct Learnt {
+    key: usize,
+    hair: Mask,
+    subject: Option<Mask>,
+    settings: MasksSettings,
+    look: HairLook,
+}
+
+/// The look learnt on a key frame; none in paper mode.
+fn look(job: &Job, view: usize, key: usize, hair: &Mask) -> Result<Option<Arc<Learnt>>, EngineError> {
+    if job.plan.mode == Mode::Paper {
+        return Ok(None);
+    }
+    let (take, settings) = (job.take, &job.plan.settings.masks);
+    let subject = take.given_subject(view, key)?;
+    let known = take.looks().0.lock().unwrap_or_else(PoisonError::into_inner).get(&view).cloned();
+    let same = |l: &Learnt| l.key == key && l.settings == *settings && l.hair == *hair && l.subject == subject;
+    if let Some(known) = known.filter(|l| same(l)) {
+        return Ok(Some(known));
+    }
+    let (image, plate) = (take.images().image(view, key)?, take.plate(view)?);
+    let place = Place::view_frame(&take.rig().cameras[view].name, key);
+    let look =
+        HairLook::learn(&place, (&image, &plate, hair), subject.as_ref(), settings).map_err(of_stage("masks"))?;
+    let learnt = Arc::new(Learnt { key, hair: hair.clone(), subject, settings: settings.clone(), look });
+    take.looks().0.lock().unwrap_or_else(PoisonError::into_inner).insert(view, learnt.clone());
+    Ok(Some(learnt))
 }
