@@ -7,10 +7,11 @@
 //! Reference: Black & Anandan 1996. Deviation: ρ is minimised by reweighting instead of by SOR on ρ itself; the same
 //! minima, and the sweeps are free of divisions by ρ.
 
-use strandflow_core::Plane;
+use strandflow_core::{Plane, RgbImage};
 
 use crate::{
     filter::{gradients, halved},
+    region::Region,
     sample::bilinear,
 };
 
@@ -84,6 +85,19 @@ pub fn flow(from: &[Plane<f32>], to: &[Plane<f32>], options: &FlowOptions) -> Fl
         }
     }
     flow
+}
+
+/// Flow of a region of one image to another in colour, computed after `halvings` of the resolution and doubled as often.
+pub fn flow_of_region(from: &RgbImage, to: &RgbImage, region: Region, halvings: usize) -> Flow {
+    let channels = |image: &RgbImage| {
+        let full = |c: usize| region.crop(image, |colour| f32::from(colour[c]));
+        [0, 1, 2].map(|c| (0..halvings).fold(full(c), |plane, _| halved(&plane))).to_vec()
+    };
+    let sizes: Vec<(usize, usize)> =
+        (0..halvings).map(|k| (region.width.div_ceil(1 << k), region.height.div_ceil(1 << k))).collect();
+    let options = FlowOptions { levels: 5 - halvings.min(4), ..FlowOptions::default() };
+    let coarse = flow(&channels(from), &channels(to), &options);
+    sizes.into_iter().rev().fold(coarse, |flow, (width, height)| flow.doubled(width, height))
 }
 
 /// Length of the round trip x → x + f(x) → back \[px\] at every pixel.

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Mask, Place, Plane, Report, RgbImage};
 use strandflow_image::{
-    filter::{gaussian_where, halved},
-    flow::{Flow, FlowOptions, flow},
+    filter::gaussian_where,
+    flow::flow_of_region,
     matte::{MatteOptions, from_plate},
     region::Region,
 };
@@ -165,25 +165,12 @@ fn carried_hair(input: &MasksInput, subject: &Mask, bounds: Region, halvings: us
     let before = Region::bounding(&previous.masks.subject, |&m| m >= 128)?;
     let (width, height) = (input.image.width, input.image.height);
     let region = bounds.union(&before).grown(16, width, height);
-    let back = flow_between(input.image, previous.image, region, halvings);
+    let back = flow_of_region(input.image, previous.image, region, halvings);
     let hair = region.crop(&previous.masks.hair, |&m| f32::from(m));
     let moved = strandflow_image::flow::warped(&hair, &back);
     let mut mask = Plane::filled(subject.width, subject.height, 0u8);
     region.paste(&moved.map(|m| m.round() as u8), &mut mask);
     Some(mask)
-}
-
-/// Flow of a region, computed after `halvings` of the resolution and doubled as often.
-fn flow_between(from: &RgbImage, to: &RgbImage, region: Region, halvings: usize) -> Flow {
-    let channels = |image: &RgbImage| {
-        let full = |c: usize| region.crop(image, |colour| f32::from(colour[c]));
-        [0, 1, 2].map(|c| (0..halvings).fold(full(c), |plane, _| halved(&plane))).to_vec()
-    };
-    let sizes: Vec<(usize, usize)> =
-        (0..halvings).map(|k| (region.width.div_ceil(1 << k), region.height.div_ceil(1 << k))).collect();
-    let options = FlowOptions { levels: 5 - halvings.min(4), ..FlowOptions::default() };
-    let coarse = flow(&channels(from), &channels(to), &options);
-    sizes.into_iter().rev().fold(coarse, |flow, (width, height)| flow.doubled(width, height))
 }
 
 /// Hair by its look, with the carried mask as prior, within the subject.

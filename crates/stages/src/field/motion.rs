@@ -15,8 +15,7 @@ use rayon::prelude::*;
 use strandflow_core::{Camera, Mask, Occupancy, RgbImage, Rig, RigidTransform, SparseVoxels};
 use strandflow_geometry::project::{depth, project};
 use strandflow_image::{
-    filter::halved,
-    flow::{Flow, FlowOptions, flow},
+    flow::{Flow, flow_of_region},
     region::Region,
 };
 use strandflow_volume::{
@@ -122,7 +121,8 @@ impl<'a> View<'a> {
             .filter_map(|mask| Region::bounding(mask, |&m| m >= 128))
             .reduce(|a, b| a.union(&b))
             .map(|region| region.grown(16, camera.width, camera.height));
-        let flow = region.map(|region| (region, back_flow(input.images[view], input.images_before[view], region)));
+        let flow =
+            region.map(|region| (region, flow_of_region(input.images[view], input.images_before[view], region, 1)));
         Self { camera, map: input.maps[view], depth: DepthMap::of_voxels(camera, &input.hull.grid, surface), flow }
     }
 
@@ -133,14 +133,6 @@ impl<'a> View<'a> {
         let inside = x >= 0.0 && y >= 0.0 && x < region.width as f64 && y < region.height as f64;
         inside.then(|| Vec2::from_array(flow.at(x as f32, y as f32)))
     }
-}
-
-/// Flow of a region from one image to another, computed at half resolution.
-fn back_flow(from: &RgbImage, to: &RgbImage, region: Region) -> Flow {
-    let channels =
-        |image: &RgbImage| [0, 1, 2].map(|c| halved(&region.crop(image, |colour| f32::from(colour[c])))).to_vec();
-    let options = FlowOptions { levels: 4, ..FlowOptions::default() };
-    flow(&channels(from), &channels(to), &options).doubled(region.width, region.height)
 }
 
 /// One equation a·u = b \[px\] with its weight.
