@@ -114,6 +114,7 @@ impl Scores {
         let mut table = Table::new(&[
             "motion",
             "position mm",
+            "of input's points",
             "velocity mm/s",
             "jitter mm",
             "excess",
@@ -128,6 +129,7 @@ impl Scores {
                 stage,
                 [
                     format!("{:.2}", s.position_mm.mean),
+                    s.position_of_input_mm.as_ref().map_or("".into(), |given| format!("{:.2}", given.mean)),
                     format!("{:.0}", s.velocity_mm_s.mean),
                     format!("{:.3}", s.jitter_mm),
                     format!("{:.3}", s.jitter_excess_mm),
@@ -141,7 +143,14 @@ impl Scores {
         }
         table.row(
             "truth",
-            ["0".to_owned(), "0".to_owned(), format!("{:.3}", first.1.true_jitter_mm), "0".to_owned(), "1".to_owned()],
+            [
+                "0".to_owned(),
+                "0".to_owned(),
+                "0".to_owned(),
+                format!("{:.3}", first.1.true_jitter_mm),
+                "0".to_owned(),
+                "1".to_owned(),
+            ],
         );
         Some(table)
     }

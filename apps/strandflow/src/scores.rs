@@ -11,6 +11,7 @@ use strandflow_eval::{
     evaluate_strands,
     head::{PoseScores, ScalpScores, evaluate_pose, evaluate_scalp, marker_reprojection},
     images::{MaskScores, OrientationScores, evaluate_orientation, mask_iou, mask_scores},
+    position_where_given,
     raster::StrandView,
     statistics::evenly,
     volume::{HullScores, LineScores, MotionScores, evaluate_hull, evaluate_lines, evaluate_motion},
@@ -130,11 +131,12 @@ pub fn score_take(
             scores.strands.push((stage.to_owned(), found));
         }
     }
+    let input = take.read_sequence(SEQUENCE_STAGES[0]).ok();
     for stage in SEQUENCE_STAGES {
         if wanted(stage)
             && let Ok(sequence) = take.read_sequence(stage)
         {
-            scores.add_sequence(stage, &sequence, take, truth);
+            scores.add_sequence(stage, &sequence, input.as_ref(), take, truth);
         }
     }
     Ok(scores)
@@ -144,16 +146,25 @@ impl Scores {
     /// Scores strands from elsewhere.
     pub fn of_sequence(name: &str, sequence: &StrandSequence, take: &Take, truth: &Truth) -> Self {
         let mut scores = Self::default();
-        scores.add_sequence(name, sequence, take, truth);
+        scores.add_sequence(name, sequence, None, take, truth);
         scores
     }
 
-    /// Scores one sequence as shapes and in motion.
-    pub fn add_sequence(&mut self, name: &str, sequence: &StrandSequence, take: &Take, truth: &Truth) {
+    /// Scores one sequence as shapes and in motion; against what the refinement was given, where it is a stage's.
+    fn add_sequence(
+        &mut self,
+        name: &str,
+        sequence: &StrandSequence,
+        input: Option<&StrandSequence>,
+        take: &Take,
+        truth: &Truth,
+    ) {
         let found = evaluate_strands(sequence, truth, take.rig(), &StrandSampling::default());
         self.strands.push((name.to_owned(), found));
         let sampling = DynamicsSampling { frame_secs: take.frame_secs(), ..DynamicsSampling::default() };
-        self.dynamics.push((name.to_owned(), evaluate_dynamics(sequence, truth, &sampling)));
+        let mut motion = evaluate_dynamics(sequence, truth, &sampling);
+        motion.position_of_input_mm = input.map(|input| position_where_given(sequence, input, truth, &sampling));
+        self.dynamics.push((name.to_owned(), motion));
     }
 }
 

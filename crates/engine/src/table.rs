@@ -171,7 +171,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "fit",
         summary: "strands explained by simulation",
-        version: 5,
+        version: 6,
         has_modes: true,
         settings: settings_of!(fit),
         phases: &[phase!("fit/fit", Block, Frames, rooms::fit)],

@@ -6,7 +6,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use strandflow_core::StrandSequence;
+use strandflow_core::{Provenance, StrandSequence};
 use strandflow_geometry::polyline;
 
 use crate::index::{SampleIndex, sample_polyline};
@@ -41,6 +41,9 @@ pub struct DynamicsScores {
     pub strands: (usize, usize),
     /// Distance of each particle to its true strand \[mm\].
     pub position_mm: Summary,
+    /// The same over the samples that the input of the refinement has, each strand given to a true strand by these alone;
+    /// absent where no input was given.
+    pub position_of_input_mm: Option<Summary>,
     /// Difference of the particles' velocities from the true strand's at the nearest place \[mm/s\].
     pub velocity_mm_s: Summary,
     /// Root mean square true speed at the same places \[mm/s\].
@@ -102,6 +105,36 @@ pub fn evaluate_dynamics(sequence: &StrandSequence, truth: &Truth, sampling: &Dy
     scores.length_within_two_percent = share(variations.iter().filter(|v| **v < 0.02).count(), variations.len());
     scores.length_variation = Summary::of(variations);
     scores
+}
+
+/// Distance of the particles to their true strands \[mm\] over the samples that `input` has, as in [`evaluate_dynamics`].
+///
+/// A refinement fills in what its input lacks. What it makes of the samples that it was given shows here alone.
+pub fn position_where_given(
+    sequence: &StrandSequence,
+    input: &StrandSequence,
+    truth: &Truth,
+    sampling: &DynamicsSampling,
+) -> Summary {
+    evaluate_dynamics(&only_where_given(sequence, input), truth, sampling).position_mm
+}
+
+/// The samples of a sequence that another one, of the same strands, has too.
+fn only_where_given(sequence: &StrandSequence, input: &StrandSequence) -> StrandSequence {
+    let point_count = sequence.point_count.min(input.point_count);
+    let mut out = StrandSequence::missing(sequence.frames.clone(), input.counts.clone(), point_count);
+    for (t, frame) in sequence.frames.iter().enumerate() {
+        let Some(u) = input.frames.iter().position(|other| other == frame) else { continue };
+        for n in 0..sequence.strand_count.min(input.strand_count) {
+            let points = sequence.strand(t, n).iter().zip(input.strand(u, n)).enumerate();
+            let start = out.range(t, n).start;
+            for (p, (point, _)) in points.filter(|(_, (_, given))| given.is_finite()) {
+                out.points[start + p] = *point;
+                (out.provenance[start + p], out.confidence[start + p]) = (Provenance::Observed, 1.0);
+            }
+        }
+    }
+    out
 }
 
 fn ratio(a: f64, b: f64) -> f64 {

@@ -15,6 +15,7 @@ pub mod bundle;
 pub mod clean;
 mod fields;
 pub mod filter;
+mod identity;
 mod newton;
 mod search;
 pub mod track;

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use crate::{
-    refine::{RefineOptions, Take},
+    refine::{RefineOptions, Take, identity::keep_one_hair},
     rest::{ALTITUDE_EPSILON, RestShape},
 };
 
@@ -66,6 +66,7 @@ pub fn prepare(track: &Track, take: &Take, options: &RefineOptions) -> Option<Pr
         .map(|e| if weights[e] > 0.0 { head_from_world[e / n].point(track.points[e]) } else { DVec3::ZERO })
         .collect();
     if !options.letter {
+        keep_one_hair(&head, &mut weights, n);
         distrust_outliers(&head, &mut weights, n);
     }
     let median = median_shape(&head, &weights, n, options.edge_mm)?;
