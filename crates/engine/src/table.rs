@@ -84,7 +84,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "masks",
         summary: "subject and hair masks",
-        version: 3,
+        version: 4,
         has_modes: true,
         settings: settings_of!(masks),
         phases: &[phase!("masks/masks", ViewFrameChained, Lead, rooms::masks)],

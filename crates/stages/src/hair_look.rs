@@ -14,11 +14,41 @@ use strandflow_image::{
 
 use crate::{
     StageError,
+    hair_edge::HairEdge,
     masks::{MasksSettings, around, matte_options},
 };
 
 /// Where pixels count as fully covered.
-const SOLID: u8 = 230;
+pub(crate) const SOLID: u8 = 230;
+/// Weight of a pixel of another view; each view has its own light and its own camera.
+const OTHERS: f32 = 0.3;
+/// One in so many pixels teaches, of the view itself and of others.
+const TAUGHT: (usize, usize) = (2, 8);
+
+/// What a view shows on a key frame.
+#[derive(Clone, Copy, Debug)]
+pub struct KeyView<'a> {
+    /// The image.
+    pub image: &'a RgbImage,
+    /// The view without the subject.
+    pub plate: &'a RgbImage,
+    /// The given hair mask.
+    pub hair: &'a Mask,
+    /// The subject mask, where one is given.
+    pub subject: Option<&'a Mask>,
+}
+
+impl KeyView<'_> {
+    fn is_of_one_size(&self) -> bool {
+        let sizes = [(self.plate.width, self.plate.height), (self.hair.width, self.hair.height)];
+        let subject = self.subject.map(|m| (m.width, m.height));
+        sizes.into_iter().chain(subject).all(|size| size == (self.image.width, self.image.height))
+    }
+
+    fn matte(&self, settings: &MasksSettings) -> Mask {
+        self.subject.map_or_else(|| from_plate(self.image, self.plate, &matte_options(settings)), Mask::clone)
+    }
+}
 
 /// What hair looks like in a view.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,31 +56,47 @@ pub struct HairLook {
     /// Hair against skin, markers and the plate between strands; `None` where the key frame shows no subject, or one that is
     /// all hair or has none.
     hair: Option<Boosted>,
+    /// The border of thin hair; `None` where the plate does better or the subject is given.
+    edge: Option<HairEdge>,
 }
 
 impl HairLook {
-    /// Learns from the image of a key frame, the clean plate and the given hair mask; and from the subject mask where one
-    /// is given.
+    /// Learns from the key frame of a view, and, with less weight, from those of the others: a view may show shadowed skin
+    /// later that only others show yet. Others whose sizes do not agree are passed over.
     ///
     /// # Errors
-    /// Sizes differ.
+    /// Sizes of the view itself differ.
     pub fn learn(
         place: &Place,
-        (image, plate, hair): (&RgbImage, &RgbImage, &Mask),
-        given_subject: Option<&Mask>,
+        own: &KeyView,
+        others: &[KeyView],
         settings: &MasksSettings,
     ) -> Result<Self, StageError> {
-        let sizes = [(plate.width, plate.height), (hair.width, hair.height)];
-        let subject_size = given_subject.map(|m| (m.width, m.height));
-        if sizes.into_iter().chain(subject_size).any(|size| size != (image.width, image.height)) {
+        if !own.is_of_one_size() {
             return Err(StageError::Input {
                 place: place.clone(),
                 fact: "image, clean plate and masks of the key frame differ in size".into(),
                 hint: "images, plates and masks of a view have one size".into(),
             });
         }
-        let matte = given_subject.map_or_else(|| from_plate(image, plate, &matte_options(settings)), Mask::clone);
-        Ok(Self { hair: learnt_hair((image, plate), &matte, hair) })
+        let matte = own.matte(settings);
+        let Some(region) = around(&matte) else { return Ok(Self { hair: None, edge: None }) };
+        let mut lesson = Lesson::of(own, &matte, region, 1.0, TAUGHT.0);
+        let other = |key: &KeyView| {
+            let matte = key.matte(settings);
+            Some(Lesson::of(key, &matte, around(&matte)?, OTHERS, TAUGHT.1))
+        };
+        others.iter().filter(|key| key.is_of_one_size()).filter_map(other).for_each(|more| lesson.add(more));
+        let edge = own.subject.is_none().then(|| HairEdge::learn(own, &matte, region)).flatten();
+        Ok(Self { hair: lesson.learnt(), edge })
+    }
+
+    /// The matte of an image, thinned where the plate is seen between strands.
+    pub fn thinned(&self, image: &RgbImage, plate: &RgbImage, matte: &Mask) -> Mask {
+        match (&self.edge, around(matte)) {
+            (Some(edge), Some(region)) => edge.thinned(image, plate, matte, region),
+            _ => matte.clone(),
+        }
     }
 
     /// Log odds of hair at every pixel of a region of an image; 0 where nothing was learnt.
@@ -62,22 +108,38 @@ impl HairLook {
     }
 }
 
-/// Hair against what else is subject, from the pixels that the subject covers.
-fn learnt_hair((image, plate): (&RgbImage, &RgbImage), subject: &Mask, hair: &Mask) -> Option<Boosted> {
-    let region = around(subject)?;
-    let solid = region.crop(subject, |&m| m >= SOLID);
-    let hair = region.crop(hair, |&m| f32::from(m) / 255.0);
-    learnt(&hair_columns((image, plate), subject, region), &hair, &solid)
+/// Pixels that teach what is hair: one column a feature, the share of hair, and how much each counts.
+struct Lesson {
+    columns: Vec<Vec<f32>>,
+    target: Vec<f32>,
+    weight: Vec<f32>,
 }
 
-/// Trees from every other of the pixels in use, rows taking turns.
-fn learnt(columns: &[Vec<f32>], target: &Plane<f32>, used: &Plane<bool>) -> Option<Boosted> {
-    let in_turn = |i: usize| (i % target.width + i / target.width).is_multiple_of(2);
-    let chosen: Vec<usize> = (0..target.data.len()).filter(|&i| used.data[i] && in_turn(i)).collect();
-    let pick = |column: &[f32]| chosen.iter().map(|&i| column[i]).collect::<Vec<f32>>();
-    let columns: Vec<Vec<f32>> = columns.iter().map(|c| pick(c)).collect();
-    let target = pick(&target.data);
-    Boosted::learn(&columns, &target, &vec![1.0; target.len()], &BoostOptions::default())
+impl Lesson {
+    /// One in `step` of the pixels that the subject covers, rows taking turns.
+    fn of(key: &KeyView, subject: &Mask, region: Region, weight: f32, step: usize) -> Self {
+        let solid = region.crop(subject, |&m| m >= SOLID);
+        let hair = region.crop(key.hair, |&m| f32::from(m) / 255.0);
+        let in_turn = |i: usize| (i % region.width + i / region.width).is_multiple_of(step);
+        let chosen: Vec<usize> = (0..hair.data.len()).filter(|&i| solid.data[i] && in_turn(i)).collect();
+        let pick = |column: &[f32]| chosen.iter().map(|&i| column[i]).collect::<Vec<f32>>();
+        let columns = hair_columns((key.image, key.plate), subject, region);
+        Self {
+            columns: columns.iter().map(|c| pick(c)).collect(),
+            target: pick(&hair.data),
+            weight: vec![weight; chosen.len()],
+        }
+    }
+
+    fn add(&mut self, more: Self) {
+        self.columns.iter_mut().zip(more.columns).for_each(|(all, column)| all.extend(column));
+        self.target.extend(more.target);
+        self.weight.extend(more.weight);
+    }
+
+    fn learnt(&self) -> Option<Boosted> {
+        Boosted::learn(&self.columns, &self.target, &self.weight, &BoostOptions::default())
+    }
 }
 
 /// Ratios of channels (they bear shadow), luma, and texture, at several scales: one column each. Colours are averaged over

@@ -12,6 +12,7 @@ pub mod field;
 pub mod fit;
 pub mod flow;
 pub mod grow;
+mod hair_edge;
 pub mod hair_look;
 pub mod hull;
 pub mod lift;

@@ -109,9 +109,13 @@ pub fn masks(
 ) -> Result<Masks, StageError> {
     check_sizes(input)?;
     let look = input.key.and_then(|(_, look)| look).filter(|_| mode == Mode::Robust);
-    let subject = match input.given_subject {
+    let matte = match input.given_subject {
         Some(given) => given.clone(),
         None => from_plate(input.image, input.plate, &matte_options(settings)),
+    };
+    let subject = match look.filter(|_| input.given_subject.is_none()) {
+        Some(look) => look.thinned(input.image, input.plate, &matte),
+        None => matte.clone(),
     };
     let Some(bounds) = Region::bounding(&subject, |&m| m >= 128) else {
         report.warn(input.place.clone(), "nothing differs from the clean plate", "subject and hair masks are empty");
@@ -132,7 +136,7 @@ pub fn masks(
         (carried, key) => {
             let carried = carried.or_else(|| key.map(|(mask, _)| mask.clone())).unwrap_or_else(|| empty(input.image));
             match look {
-                Some(look) => decided_hair(input, &subject, &carried, look, settings),
+                Some(look) => decided_hair(input, (&matte, &subject), &carried, look, settings),
                 None => within(&carried, &subject),
             }
         }
@@ -173,12 +177,19 @@ fn carried_hair(input: &MasksInput, subject: &Mask, bounds: Region, halvings: us
     Some(mask)
 }
 
-/// Hair by its look, with the carried mask as prior, within the subject.
-fn decided_hair(input: &MasksInput, subject: &Mask, carried: &Mask, look: &HairLook, settings: &MasksSettings) -> Mask {
-    let Some(region) = around(subject) else { return within(carried, subject) };
-    let coverage = region.crop(subject, |&m| f32::from(m) / 255.0);
+/// Hair by its look, with the carried mask as prior: within the subject, whose matte from the plate tells where colours
+/// are free of the plate.
+fn decided_hair(
+    input: &MasksInput,
+    (matte, subject): (&Mask, &Mask),
+    carried: &Mask,
+    look: &HairLook,
+    settings: &MasksSettings,
+) -> Mask {
+    let Some(region) = around(matte) else { return within(carried, subject) };
+    let coverage = region.crop(matte, |&m| f32::from(m) / 255.0);
     let prior = region.crop(carried, |&m| f32::from(m) / 255.0);
-    let odds = look.hair_odds(input.image, input.plate, subject, region);
+    let odds = look.hair_odds(input.image, input.plate, matte, region);
     let share = |i: usize| {
         // The flow is never surer than 1 in 25: it slips at every border.
         let p = (prior.data[i] / coverage.data[i].max(0.3)).clamp(0.04, 0.96);

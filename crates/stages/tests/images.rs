@@ -7,7 +7,11 @@ use strandflow_core::{
     Camera, Distortion, FrameRange, ImageSource, Mask, Place, Plane, Report, RgbImage, Rig, RigidTransform, SourceError,
 };
 use strandflow_geometry::project::project;
-use strandflow_stages::{Mode, StageError, hair_look::HairLook, masks, orient, pose};
+use strandflow_stages::{
+    Mode, StageError,
+    hair_look::{HairLook, KeyView},
+    masks, orient, pose,
+};
 
 /// Noise of about 3 code values, the same for the same seed.
 struct Noise(u32);
@@ -97,7 +101,8 @@ fn hair_is_carried_over_five_frames_from_the_first_mask() {
     };
     let (key_image, _, key_hair) = head_scene(0.0, 1);
     let settings = masks::MasksSettings::default();
-    let look = HairLook::learn(&Place::default(), (&key_image, &plate, &key_hair), None, &settings).unwrap();
+    let key = KeyView { image: &key_image, plate: &plate, hair: &key_hair, subject: None };
+    let look = HairLook::learn(&Place::default(), &key, &[], &settings).unwrap();
     for mode in [Mode::Paper, Mode::Robust] {
         let mut before: Option<(RgbImage, masks::Masks)> = None;
         for t in 0..6u32 {
@@ -125,12 +130,13 @@ fn a_key_frame_of_another_size_or_without_hair_is_no_disaster() {
     let (image, _, hair) = head_scene(0.0, 1);
     let (settings, place) = (masks::MasksSettings::default(), Place::default());
     let small = Plane::filled(149, 130, 0u8);
-    let error = HairLook::learn(&place, (&image, &plate, &small), None, &settings);
+    let key = |image, hair| KeyView { image, plate: &plate, hair, subject: None };
+    let error = HairLook::learn(&place, &key(&image, &small), &[], &settings);
     assert!(matches!(error, Err(StageError::Input { .. })));
     // A bald head and an empty scene teach nothing; the mask carried by flow is then kept.
     let bald = hair.map(|_| 0u8);
     for (image, hair) in [(&image, &bald), (&plate, &hair)] {
-        let look = HairLook::learn(&place, (image, &plate, hair), None, &settings).unwrap();
+        let look = HairLook::learn(&place, &key(image, hair), &[], &settings).unwrap();
         let region = strandflow_image::region::Region::whole(hair);
         assert!(look.hair_odds(image, &plate, hair, region).iter().all(|&o| o == 0.0));
     }

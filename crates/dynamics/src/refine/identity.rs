@@ -12,9 +12,13 @@ const STEPS: f64 = 3.0;
 /// Frames around whose steps count.
 const AROUND: usize = 3;
 
+/// Segments of fewer frames are left to the sliding median, which knows the single samples.
+const LEAST_FRAMES: usize = 3;
+
 /// Takes the weight from all frames but those of one hair: the heaviest segment, and those that continue it.
 pub fn keep_one_hair(head: &[DVec3], weights: &mut [f64], n: usize) {
-    let segments = segments(head, weights, n);
+    let mut segments = segments(head, weights, n);
+    segments.retain(|segment| segment.len() >= LEAST_FRAMES);
     let weight =
         |segment: &[usize]| -> f64 { segment.iter().map(|t| weights[t * n..(t + 1) * n].iter().sum::<f64>()).sum() };
     let heaviest =

@@ -5,10 +5,10 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-use strandflow_core::{Mask, Place, Report};
+use strandflow_core::{Place, Report};
 use strandflow_stages::{
     Mode,
-    hair_look::HairLook,
+    hair_look::{HairLook, KeyView},
     masks::{MasksInput, MasksSettings, PreviousFrame},
 };
 
@@ -32,7 +32,8 @@ pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), Engi
         needs.value("files", "given", &given.is_some());
         given.map_or(Ok(()), |file| needs.file(&file))?;
     }
-    if let Some(key) = key_frame(job, view, frame) {
+    for (view, key) in key_views(job, view, frame) {
+        needs.file(sources.plate_file(view))?;
         needs.file(&sources.image_file(view, key)?)?;
         for given in [sources.hair_file(view, key), sources.subject_file(view, key)] {
             given.map_or(Ok(()), |file| needs.file(&file))?;
@@ -50,6 +51,15 @@ fn key_frame(job: &Job, view: usize, frame: usize) -> Option<usize> {
     (job.plan.lead.start..=frame).rev().find(|&f| job.take.sources().hair_file(view, f).is_some())
 }
 
+/// The views whose key frames teach the look of hair in a view, with those frames: the view itself first, then all others
+/// that take part and have one. Nothing where the view has no key frame yet.
+fn key_views(job: &Job, view: usize, frame: usize) -> Vec<(usize, usize)> {
+    let Some(own) = key_frame(job, view, frame) else { return Vec::new() };
+    let others = job.take.views().taking_part().iter().copied().filter(|&other| other != view);
+    let others = others.filter_map(|other| Some((other, key_frame(job, other, frame)?)));
+    std::iter::once((view, own)).chain(others).collect()
+}
+
 pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {
     let (view, frame) = view_frame_of(item)?;
     let take = job.take;
@@ -61,11 +71,11 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
     } else {
         None
     };
+    let look = look(job, view, frame)?;
     let key = match key_frame(job, view, frame) {
-        Some(at) => take.given_hair(view, at)?.map(|mask| Ok::<_, EngineError>((look(job, view, at, &mask)?, mask))),
+        Some(at) => take.given_hair(view, at)?,
         None => None,
-    }
-    .transpose()?;
+    };
     let input = MasksInput {
         place: Place::view_frame(&take.rig().cameras[view].name, frame),
         image: &image,
@@ -73,7 +83,7 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
         given_subject: subject.as_ref(),
         given_hair: hair.as_ref(),
         previous: previous.as_ref().map(|(image, masks)| PreviousFrame { image, masks }),
-        key: key.as_ref().map(|(learnt, mask)| (mask, learnt.as_ref().map(|l| &l.look))),
+        key: key.as_ref().map(|mask| (mask, look.as_ref().map(|l| &l.look))),
     };
     let masks = strandflow_stages::masks::masks(&input, job.plan.mode, &job.plan.settings.masks, report)
         .map_err(of_stage("masks"))?;
@@ -85,32 +95,39 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
 #[derive(Default)]
 pub(crate) struct Looks(Mutex<HashMap<usize, Arc<Learnt>>>);
 
-/// A look and what it was learnt from.
+/// A look and what it was learnt from; files keep their content as long as a take is open.
 struct Learnt {
-    key: usize,
-    hair: Mask,
-    subject: Option<Mask>,
+    keys: Vec<(usize, usize)>,
     settings: MasksSettings,
     look: HairLook,
 }
 
-/// The look learnt on a key frame; none in paper mode.
-fn look(job: &Job, view: usize, key: usize, hair: &Mask) -> Result<Option<Arc<Learnt>>, EngineError> {
-    if job.plan.mode == Mode::Paper {
+/// The look of hair in a view, learnt on key frames; none in paper mode or where the view has no key frame yet.
+fn look(job: &Job, view: usize, frame: usize) -> Result<Option<Arc<Learnt>>, EngineError> {
+    let keys = key_views(job, view, frame);
+    if job.plan.mode == Mode::Paper || keys.is_empty() {
         return Ok(None);
     }
     let (take, settings) = (job.take, &job.plan.settings.masks);
-    let subject = take.given_subject(view, key)?;
     let known = take.looks().0.lock().unwrap_or_else(PoisonError::into_inner).get(&view).cloned();
-    let same = |l: &Learnt| l.key == key && l.settings == *settings && l.hair == *hair && l.subject == subject;
-    if let Some(known) = known.filter(|l| same(l)) {
+    if let Some(known) = known.filter(|l| l.keys == keys && l.settings == *settings) {
         return Ok(Some(known));
     }
-    let (image, plate) = (take.images().image(view, key)?, take.plate(view)?);
-    let place = Place::view_frame(&take.rig().cameras[view].name, key);
-    let look =
-        HairLook::learn(&place, (&image, &plate, hair), subject.as_ref(), settings).map_err(of_stage("masks"))?;
-    let learnt = Arc::new(Learnt { key, hair: hair.clone(), subject, settings: settings.clone(), look });
+    let mut shown = Vec::with_capacity(keys.len());
+    for &(view, key) in &keys {
+        if let Some(hair) = take.given_hair(view, key)? {
+            let images = (take.images().image(view, key)?, take.plate(view)?);
+            shown.push((images, hair, take.given_subject(view, key)?));
+        }
+    }
+    let shown: Vec<KeyView> = shown
+        .iter()
+        .map(|((image, plate), hair, subject)| KeyView { image, plate, hair, subject: subject.as_ref() })
+        .collect();
+    let Some((own, others)) = shown.split_first() else { return Ok(None) };
+    let place = Place::view_frame(&take.rig().cameras[view].name, keys[0].1);
+    let look = HairLook::learn(&place, own, others, settings).map_err(of_stage("masks"))?;
+    let learnt = Arc::new(Learnt { keys, settings: settings.clone(), look });
     take.looks().0.lock().unwrap_or_else(PoisonError::into_inner).insert(view, learnt.clone());
     Ok(Some(learnt))
 }
