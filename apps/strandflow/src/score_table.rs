@@ -33,6 +33,9 @@ impl Scores {
         for (name, masks) in [("subject-mask IoU", &self.subject), ("hair-mask IoU", &self.hair)] {
             if let Some(masks) = masks {
                 row("masks", name, masks.min, masks.mean);
+                if let Some((least, mean)) = masks.truth_smoothed {
+                    row("masks", "  truth against itself smoothed", least, mean);
+                }
                 any = true;
             }
         }

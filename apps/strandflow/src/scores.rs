@@ -10,7 +10,7 @@ use strandflow_eval::{
     DynamicsSampling, DynamicsScores, StrandSampling, StrandScores, Summary, Truth, evaluate_dynamics,
     evaluate_strands,
     head::{PoseScores, ScalpScores, evaluate_pose, evaluate_scalp, marker_reprojection},
-    images::{MaskScores, OrientationScores, evaluate_orientation, mask_iou, mask_scores},
+    images::{MaskScores, OrientationScores, evaluate_orientation, iou_with_itself_smoothed, mask_iou, mask_scores},
     position_where_given,
     raster::StrandView,
     statistics::evenly,
@@ -179,7 +179,7 @@ fn score_masks(take: &Take, frames: &[usize], folder: &Path, kind: Kind) -> Resu
     if !folder.is_dir() {
         return Ok(None);
     }
-    let rows: Vec<Option<Vec<f64>>> = frames
+    let rows: Vec<Option<Vec<(f64, f64)>>> = frames
         .par_iter()
         .map(|&frame| {
             let truth = true_masks(take, folder, frame)?;
@@ -188,13 +188,15 @@ fn score_masks(take: &Take, frames: &[usize], folder: &Path, kind: Kind) -> Resu
                     Kind::Subject => take.read_subject(view, frame),
                     Kind::Hair => take.read_hair(view, frame),
                 };
-                found.ok().map(|found| mask_iou(&found, truth))
+                found.ok().map(|found| (mask_iou(&found, truth), iou_with_itself_smoothed(truth)))
             };
             truth.iter().enumerate().map(one).collect()
         })
         .collect();
-    let rows: Vec<Vec<f64>> = rows.into_iter().flatten().collect();
-    Ok((!rows.is_empty()).then(|| mask_scores(rows)))
+    let rows: Vec<Vec<(f64, f64)>> = rows.into_iter().flatten().collect();
+    let itself = Summary::of(rows.iter().flatten().map(|(_, itself)| *itself));
+    let scores = mask_scores(rows.iter().map(|row| row.iter().map(|(iou, _)| *iou).collect()).collect());
+    Ok((!rows.is_empty()).then_some(MaskScores { truth_smoothed: Some((itself.min, itself.mean)), ..scores }))
 }
 
 /// The true masks of all views of a frame; `None` where one is absent.

@@ -17,6 +17,22 @@ pub fn mask_iou(found: &Mask, truth: &Mask) -> f64 {
     if either == 0 { 1.0 } else { share(both, either) }
 }
 
+/// Agreement of a mask of coverages with itself smoothed by one pixel (binomial of five): what a perfect estimate of the
+/// coverage reaches where single pixels of the truth are a matter of chance, as with few samples a pixel or single hairs.
+pub fn iou_with_itself_smoothed(truth: &Mask) -> f64 {
+    let (width, height) = (truth.width as isize, truth.height as isize);
+    let at =
+        |plane: &[f32], x: isize, y: isize| plane[(y.clamp(0, height - 1) * width + x.clamp(0, width - 1)) as usize];
+    let pass = |plane: &[f32], (dx, dy): (isize, isize)| -> Vec<f32> {
+        let weighed = |k: isize| [6.0, 4.0, 1.0][k.unsigned_abs()] / 16.0;
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        pixels.map(|(x, y)| (-2..=2).map(|k| weighed(k) * at(plane, x + k * dx, y + k * dy)).sum()).collect()
+    };
+    let coverage: Vec<f32> = truth.data.iter().map(|&m| f32::from(m)).collect();
+    let smooth = pass(&pass(&coverage, (1, 0)), (0, 1));
+    mask_iou(&Plane { data: smooth.into_iter().map(|m| m.round() as u8).collect(), ..*truth }, truth)
+}
+
 /// Intersection over union of one kind of mask over views and frames.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MaskScores {
@@ -26,6 +42,8 @@ pub struct MaskScores {
     pub min: f64,
     /// Mean.
     pub mean: f64,
+    /// What the truth reaches against itself ([`iou_with_itself_smoothed`]): smallest and mean.
+    pub truth_smoothed: Option<(f64, f64)>,
 }
 
 /// Scores masks of shape (frames, views) against true ones of the same shape.
@@ -41,7 +59,7 @@ pub fn evaluate_masks(found: &[Vec<&Mask>], truth: &[Vec<&Mask>]) -> MaskScores 
 /// The summary of ratios computed by [`mask_iou`] one by one, shape (frames, views).
 pub fn mask_scores(iou: Vec<Vec<f64>>) -> MaskScores {
     let summary = Summary::of(iou.iter().flatten().copied());
-    MaskScores { min: summary.min, mean: summary.mean, iou }
+    MaskScores { min: summary.min, mean: summary.mean, iou, truth_smoothed: None }
 }
 
 /// 2D orientation errors \[degrees\], undirected.

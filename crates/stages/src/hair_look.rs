@@ -20,8 +20,10 @@ use crate::{
 
 /// Where pixels count as fully covered.
 pub(crate) const SOLID: u8 = 230;
-/// Weight of a pixel of another view; each view has its own light and its own camera.
+/// Weight of a pixel of another view or shade; each view has its own light and its own camera.
 const OTHERS: f32 = 0.3;
+/// Shares of its brightness at which the view is shown again: hair that moves casts its shadow elsewhere.
+const SHADES: [f32; 2] = [0.5, 0.75];
 /// One in so many pixels teaches, of the view itself and of others.
 const TAUGHT: (usize, usize) = (2, 8);
 
@@ -87,6 +89,10 @@ impl HairLook {
             Some(Lesson::of(key, &matte, around(&matte)?, OTHERS, TAUGHT.1))
         };
         others.iter().filter(|key| key.is_of_one_size()).filter_map(other).for_each(|more| lesson.add(more));
+        for shade in SHADES {
+            let image = own.image.map(|colour| colour.map(|code| (f32::from(code) * shade).round() as u8));
+            lesson.add(Lesson::of(&KeyView { image: &image, ..*own }, &matte, region, OTHERS, TAUGHT.0));
+        }
         let edge = own.subject.is_none().then(|| HairEdge::learn(own, &matte, region)).flatten();
         Ok(Self { hair: lesson.learnt(), edge })
     }
