@@ -113,33 +113,26 @@ pub fn masks(
         Some(given) => given.clone(),
         None => from_plate(input.image, input.plate, &matte_options(settings)),
     };
+    let Some(bounds) = Region::bounding(&matte, |&m| m >= 128) else {
+        report.warn(input.place.clone(), "nothing differs from the clean plate", "subject and hair masks are empty");
+        let hair = input.given_hair.cloned().unwrap_or_else(|| empty(input.image));
+        return Ok(Masks { subject: matte, hair });
+    };
+    // What follows the flow alone needs it finer; as a prior, a quarter of the resolution does as well in half the time.
+    let halvings = if look.is_some() { 2 } else { 1 };
+    let expected = input.given_hair.cloned().or_else(|| carried_hair(input, &matte, bounds, halvings));
+    let Some(expected) = expected.or_else(|| input.key.map(|(mask, _)| mask.clone())) else {
+        report.warn(input.place.clone(), "no hair mask at or before this frame", "hair mask is empty");
+        return Ok(Masks { subject: matte, hair: empty(input.image) });
+    };
     let subject = match look.filter(|_| input.given_subject.is_none()) {
         Some(look) => look.thinned(input.image, input.plate, &matte),
         None => matte.clone(),
     };
-    let Some(bounds) = Region::bounding(&subject, |&m| m >= 128) else {
-        report.warn(input.place.clone(), "nothing differs from the clean plate", "subject and hair masks are empty");
-        let hair = input.given_hair.cloned().unwrap_or_else(|| empty(input.image));
-        return Ok(Masks { subject, hair });
-    };
-    if let Some(given) = input.given_hair {
-        return Ok(Masks { subject, hair: given.clone() });
-    }
-    // What follows the flow alone needs it finer; as a prior, a quarter of the resolution does as well in half the time.
-    let halvings = if look.is_some() { 2 } else { 1 };
-    let carried = carried_hair(input, &subject, bounds, halvings);
-    let hair = match (carried, input.key) {
-        (None, None) => {
-            report.warn(input.place.clone(), "no hair mask at or before this frame", "hair mask is empty");
-            empty(input.image)
-        }
-        (carried, key) => {
-            let carried = carried.or_else(|| key.map(|(mask, _)| mask.clone())).unwrap_or_else(|| empty(input.image));
-            match look {
-                Some(look) => decided_hair(input, (&matte, &subject), &carried, look, settings),
-                None => within(&carried, &subject),
-            }
-        }
+    let hair = match (input.given_hair, look) {
+        (Some(given), _) => given.clone(),
+        (None, Some(look)) => decided_hair(input, (&matte, &subject), &expected, look, settings),
+        (None, None) => within(&expected, &subject),
     };
     Ok(Masks { subject, hair })
 }
