@@ -163,6 +163,14 @@ mod tests {
     }
 
     #[test]
+    fn a_solid_mask_agrees_with_itself_smoothed_and_a_chequered_one_does_not() {
+        let solid = Plane::from_fn(60, 60, |x, y| if (10..50).contains(&x) && (10..50).contains(&y) { 255 } else { 0 });
+        assert!(iou_with_itself_smoothed(&solid) > 0.99);
+        let chequered = Plane::from_fn(60, 60, |x, y| if (x + y) % 2 == 0 { 160 } else { 120 });
+        assert!((iou_with_itself_smoothed(&chequered) - 0.5).abs() < 0.02);
+    }
+
+    #[test]
     fn strands_over_half_of_the_hair() {
         let drawn = StrandView {
             depth: Plane::filled(10, 10, 1.0),

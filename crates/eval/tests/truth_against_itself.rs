@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use glam::{DVec3, Vec3};
 use strandflow_core::{Camera, Distortion, Provenance, Rig, RigidTransform, StrandSequence};
-use strandflow_eval::{DynamicsSampling, StrandSampling, Truth, evaluate_dynamics, evaluate_strands};
+use strandflow_eval::{
+    DynamicsSampling, StrandSampling, Truth, evaluate_dynamics, evaluate_strands, position_where_given,
+};
 
 const POINTS: usize = 30;
 
@@ -84,6 +86,24 @@ fn a_shift_of_three_and_a_half_millimetres_passes_only_the_widest_threshold() {
     let motion = evaluate_dynamics(&shifted, &truth, &DynamicsSampling::default());
     assert!((motion.position_mm.median - 3.5).abs() < 0.15, "{}", motion.position_mm.median);
     assert!(motion.velocity_mm_s.mean < 0.2 * motion.true_speed_mm_s);
+}
+
+#[test]
+fn what_a_refinement_fills_in_does_not_count_where_only_the_given_samples_do() {
+    let truth = truth();
+    let mut input = sequence(&truth, |_, _, _| Vec3::new(0.0, 2.0, 0.0));
+    // The input lacks the tips, the refinement has them 9 mm off.
+    for t in 0..truth.frames.len() {
+        for n in 0..truth.strand_count() {
+            input.range(t, n).skip(20).for_each(|e| input.points[e] = Vec3::NAN);
+        }
+    }
+    let filled = sequence(&truth, |_, _, p| Vec3::new(0.0, if p < 20 { 1.0 } else { 9.0 }, 0.0));
+    let sampling = DynamicsSampling::default();
+    assert!(evaluate_dynamics(&filled, &truth, &sampling).position_mm.mean > 3.0);
+    let given = position_where_given(&filled, &input, &truth, &sampling);
+    assert!((given.mean - 1.0).abs() < 0.1, "{}", given.mean);
+    assert!((position_where_given(&input, &input, &truth, &sampling).mean - 2.0).abs() < 0.1);
 }
 
 #[test]

@@ -124,6 +124,63 @@ fn hair_is_carried_over_five_frames_from_the_first_mask() {
     }
 }
 
+/// Dense hair that ends in a fringe before the wall, and beside it skin with thin hair before it: image, true subject, hair.
+fn fringe_scene(seed: u32) -> (RgbImage, Mask, Mask) {
+    let (w, h) = (240, 180);
+    let mut noise = Noise(seed);
+    let mut chance = Noise(seed + 1000);
+    // Single hairs: a coverage of one third, which varies from pixel to pixel.
+    let thin = Plane::from_fn(w, h, |_, _| (0.33 + 0.12 * chance.next()).clamp(0.0, 1.0));
+    let skin = |x: usize, y: usize| (150..200).contains(&x) && (20..150).contains(&y);
+    let hair = |x: usize, y: usize| match (x, y) {
+        (40..150, 20..90) => 1.0,
+        (40..150, 90..150) => thin[(x, y)],
+        (150..165, 20..150) => thin[(x, y)],
+        _ => 0.0,
+    };
+    let image = Plane::from_fn(w, h, |x, y| {
+        let behind = if skin(x, y) { [215.0, 180.0, 155.0] } else { [150.0, 172.0, 158.0] };
+        let share = hair(x, y);
+        let strands = [0.0, -28.0, -55.0].map(|c| line_texture(1.4, x as f64, y as f64) + c);
+        let mixed = |c: usize| {
+            let light = |code: f64| (code.max(0.0) / 255.0).powf(2.2);
+            255.0 * (share * light(strands[c]) + (1.0 - share) * light(behind[c])).powf(1.0 / 2.2)
+        };
+        [0, 1, 2].map(|c| (mixed(c) + noise.next()).clamp(0.0, 255.0) as u8)
+    });
+    let code = |share: f64| (255.0 * share).round() as u8;
+    let hair_mask = Plane::from_fn(w, h, |x, y| code(hair(x, y)));
+    let subject = Plane::from_fn(w, h, |x, y| if skin(x, y) { 255 } else { code(hair(x, y)) });
+    (image, subject, hair_mask)
+}
+
+#[test]
+fn a_fringe_is_thinned_where_the_wall_is_behind_it_and_not_where_skin_is() {
+    let plate = Plane::from_fn(240, 180, |_, _| [150u8, 172, 158]);
+    let (key_image, _, key_hair) = fringe_scene(1);
+    let (settings, place) = (masks::MasksSettings::default(), Place::default());
+    let key = KeyView { image: &key_image, plate: &plate, hair: &key_hair, subject: None };
+    let look = HairLook::learn(&place, &key, &[], &settings).unwrap();
+    let (image, subject, _) = fringe_scene(2);
+    let [matte, thinned] = [Mode::Paper, Mode::Robust].map(|mode| {
+        let input = masks::MasksInput {
+            place: place.clone(),
+            image: &image,
+            plate: &plate,
+            given_subject: None,
+            given_hair: None,
+            previous: None,
+            key: Some((&key_hair, Some(&look))),
+        };
+        masks::masks(&input, mode, &settings, &mut Report::default()).unwrap().subject
+    });
+    let (before, after) = (iou(&matte, &subject), iou(&thinned, &subject));
+    assert!(before < 0.85 && after > 0.92, "{before:.3} {after:.3}");
+    let skin = (20..150).flat_map(|y| (150..198).map(move |x| (x, y)));
+    let lost = skin.filter(|&at| thinned[at] < 128).count();
+    assert!(lost < 60, "{lost} of 6240 pixels of skin are lost");
+}
+
 #[test]
 fn a_key_frame_of_another_size_or_without_hair_is_no_disaster() {
     let plate = Plane::from_fn(150, 130, |_, _| [150u8, 172, 158]);
