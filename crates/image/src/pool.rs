@@ -15,7 +15,7 @@ pub fn isotropic(energy: &OrientationEnergy, sigma: f32) -> OrientationEnergy {
 
 /// Pools `energy` along the lines of the `guide` field with a Gaussian of `sigma` \[px\] of arc length (to 2 sigma).
 ///
-/// Lines are followed in steps of one pixel through the nearest guide vector, so the window bends with the lines; it
+/// Lines are followed in steps of [`STEP`] through the nearest guide vector, so the window bends with the lines; it
 /// ends where `inside` does or where the line turns by more than 60° in a step (another layer of lines).
 pub fn along_lines(
     energy: &OrientationEnergy,
@@ -24,60 +24,72 @@ pub fn along_lines(
     sigma: f32,
 ) -> OrientationEnergy {
     let (width, height) = (inside.width, inside.height);
-    let reach = (2.0 * sigma).round().max(1.0) as usize;
-    let weights: Vec<f32> = (0..=reach).map(|i| (-0.5 * (i as f32 / sigma).powi(2)).exp()).collect();
-    // Unit line directions of the guide, once a pixel.
-    let directions: Vec<[f32; 2]> = guide
-        .cos2
-        .data
-        .iter()
-        .zip(&guide.sin2.data)
-        .map(|(&c, &s)| {
-            let angle = 0.5 * s.atan2(c);
-            [angle.cos(), angle.sin()]
-        })
-        .collect();
-    let samples: Vec<[f32; 3]> = (0..energy.total.data.len())
-        .map(|i| [energy.cos2.data[i], energy.sin2.data[i], energy.total.data[i]])
-        .collect();
-    let row = |y: usize| -> Vec<[f32; 3]> {
-        (0..width)
-            .map(|x| {
-                let at = y * width + x;
-                if !inside.data[at] {
-                    return [0.0; 3];
-                }
-                let mut sum = samples[at];
-                let mut norm = weights[0];
-                for sign in [1.0f32, -1.0] {
-                    let [mut dx, mut dy] = directions[at].map(|d| d * sign);
-                    let (mut u, mut v) = (x as f32 + 0.5, y as f32 + 0.5);
-                    for &weight in &weights[1..] {
-                        u += dx;
-                        v += dy;
-                        if u < 0.0 || v < 0.0 || u >= width as f32 || v >= height as f32 {
-                            break;
-                        }
-                        let i = v as usize * width + u as usize;
-                        if !inside.data[i] {
-                            break;
-                        }
-                        let [nx, ny] = directions[i];
-                        let turn = nx * dx + ny * dy;
-                        if turn.abs() < 0.5 {
-                            break;
-                        }
-                        (dx, dy) = if turn < 0.0 { (-nx, -ny) } else { (nx, ny) };
-                        let s = samples[i];
-                        (0..3).for_each(|k| sum[k] += weight * s[k]);
-                        norm += weight;
-                    }
-                }
-                sum.map(|s| s / norm)
-            })
-            .collect()
-    };
+    let reach = (2.0 * sigma / STEP as f32).round().max(1.0) as usize;
+    let weights: Vec<f32> = (0..=reach).map(|i| (-0.5 * ((i * STEP) as f32 / sigma).powi(2)).exp()).collect();
+    let field = Field::new(energy, guide, inside);
+    let row = |y: usize| -> Vec<[f32; 3]> { (0..width).map(|x| field.pooled(x, y, &weights)).collect() };
     let rows: Vec<Vec<[f32; 3]>> = (0..height).into_par_iter().map(row).collect();
     let take = |k: usize| Plane { width, height, data: rows.iter().flatten().map(|s| s[k]).collect() };
     OrientationEnergy { cos2: take(0), sin2: take(1), total: take(2) }
+}
+
+/// Way between two samples of a line \[px\].
+const STEP: usize = 2;
+
+/// What a line meets in a pixel, on one half of a cache line.
+#[derive(Clone, Copy, Default)]
+#[repr(align(32))]
+struct Cell {
+    /// Unit direction of the guide; zero outside, where every line ends.
+    direction: [f32; 2],
+    energy: [f32; 3],
+}
+
+/// The cells with a border of one step, which no line crosses.
+struct Field {
+    stride: usize,
+    cells: Vec<Cell>,
+}
+
+impl Field {
+    fn new(energy: &OrientationEnergy, guide: &OrientationEnergy, inside: &Plane<bool>) -> Self {
+        let stride = inside.width + 2 * STEP;
+        let mut cells = vec![Cell::default(); stride * (inside.height + 2 * STEP)];
+        for (i, _) in inside.data.iter().enumerate().filter(|(_, inside)| **inside) {
+            // Half of the doubled angle, without an angle.
+            let (c, s) = (guide.cos2.data[i], guide.sin2.data[i]);
+            let length = c.hypot(s);
+            let cosine = if length > 0.0 { c / length } else { 1.0 };
+            let direction =
+                [(0.5 * (1.0 + cosine)).max(0.0).sqrt(), (0.5 * (1.0 - cosine)).max(0.0).sqrt().copysign(s)];
+            let at = (i / inside.width + STEP) * stride + i % inside.width + STEP;
+            cells[at] = Cell { direction, energy: [energy.cos2.data[i], energy.sin2.data[i], energy.total.data[i]] };
+        }
+        Self { stride, cells }
+    }
+
+    /// The weighted mean of the energies along the line through a pixel; zero outside.
+    fn pooled(&self, x: usize, y: usize, weights: &[f32]) -> [f32; 3] {
+        let start = &self.cells[(y + STEP) * self.stride + x + STEP];
+        let (mut sum, mut norm) = (start.energy.map(|e| weights[0] * e), weights[0]);
+        // Both ways at once, so that one waits for its cell while the other computes. A line that ended stands still.
+        let [dx, dy] = start.direction.map(|d| d * STEP as f32);
+        let at = [(x + STEP) as f32 + 0.5, (y + STEP) as f32 + 0.5];
+        let mut lines = [(at, [dx, dy]), (at, [-dx, -dy])];
+        for &weight in &weights[1..] {
+            for ([u, v], [dx, dy]) in &mut lines {
+                (*u, *v) = (*u + *dx, *v + *dy);
+                let cell = &self.cells[*v as i32 as usize * self.stride + *u as i32 as usize];
+                let [nx, ny] = cell.direction;
+                let turn = nx * *dx + ny * *dy;
+                let goes_on = turn.abs() >= 0.5 * STEP as f32;
+                let along = if goes_on { (STEP as f32).copysign(turn) } else { 0.0 };
+                let weight = if goes_on { weight } else { 0.0 };
+                (*dx, *dy) = (along * nx, along * ny);
+                (0..3).for_each(|k| sum[k] += weight * cell.energy[k]);
+                norm += weight;
+            }
+        }
+        sum.map(|s| s / norm)
+    }
 }

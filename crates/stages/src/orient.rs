@@ -47,7 +47,7 @@ impl Default for OrientSettings {
     fn default() -> Self {
         Self {
             wavelengths_px: vec![4.5, 6.5, 9.5],
-            orientations: 32,
+            orientations: 12,
             highpass_px: 6.0,
             noise_codes: 4.0,
             pool_px: 5.0,
