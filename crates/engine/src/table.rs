@@ -116,7 +116,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "orient",
         summary: "orientation of every hair pixel",
-        version: 2,
+        version: 3,
         has_modes: true,
         settings: settings_of!(orient),
         phases: &[phase!("orient/orient", ViewFrame, Frames, rooms::orient)],
@@ -143,7 +143,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "grow",
         summary: "strands from the roots",
-        version: 3,
+        version: 4,
         has_modes: true,
         settings: settings_of!(grow),
         phases: &[phase!("grow/grow", FrameChained, Frames, rooms::grow)],
@@ -151,7 +151,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "prune",
         summary: "outliers removed",
-        version: 1,
+        version: 2,
         has_modes: true,
         settings: settings_of!(prune),
         phases: &[phase!("prune/prune", Frame, Frames, rooms::prune)],

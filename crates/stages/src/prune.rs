@@ -148,11 +148,13 @@ fn against_images(input: &PruneInput, mode: Mode, settings: &PruneSettings) -> V
         .collect();
     let count_kept = |n: usize| {
         let points = input.strands.strand(n);
-        let votes: Vec<(f32, f32)> = (0..points.len()).map(|i| error_at(&views, points, i, settings)).collect();
+        let stride = if mode == Mode::Paper { 1 } else { per_way(points, VOTE_MM) };
+        let asked = (0..points.len()).step_by(stride);
+        let votes: Vec<(f32, f32)> = asked.map(|i| error_at(&views, points, i, settings)).collect();
         match mode {
             Mode::Paper if mean(&votes) > settings.max_error_deg.to_radians() => 0,
             Mode::Paper => points.len(),
-            Mode::Robust => good_until(points, &votes, settings),
+            Mode::Robust => good_until(points, (&votes, stride), settings),
         }
     };
     (0..input.strands.strand_count()).into_par_iter().map(count_kept).collect()
@@ -222,18 +224,27 @@ fn mean(votes: &[(f32, f32)]) -> f32 {
     if weight > 0.0 { sum / weight } else { 0.0 }
 }
 
-/// The number of points before the first window whose mean error is too large. Windows that are hardly seen pass.
-fn good_until(points: &[Vec3], votes: &[(f32, f32)], settings: &PruneSettings) -> usize {
-    let limit = settings.max_error_deg.to_radians();
+/// Way along a strand between two points that are compared with the images \[mm\]; the window of a decision holds several.
+const VOTE_MM: f32 = 4.0;
+
+/// How many points of a strand, evenly spaced, make up a way \[mm\]; at least one.
+fn per_way(points: &[Vec3], way_mm: f32) -> usize {
     let step = if points.len() > 1 { points[0].distance(points[1]).max(0.1) } else { 1.0 };
-    let window = ((settings.window_mm / step) as usize).max(1);
+    ((way_mm / step).round() as usize).max(1)
+}
+
+/// The number of points before the first window whose mean error is too large; one in `stride` points has a vote. Windows
+/// that are hardly seen pass.
+fn good_until(points: &[Vec3], (votes, stride): (&[(f32, f32)], usize), settings: &PruneSettings) -> usize {
+    let limit = settings.max_error_deg.to_radians();
+    let window = per_way(points, settings.window_mm);
     let bad = |i: &usize| {
-        let part = &votes[*i..(i + window).min(votes.len())];
+        let part = &votes[*i..(i + (window / stride).max(1)).min(votes.len())];
         let seen: f32 = part.iter().map(|vote| vote.1).sum();
         seen > 0.25 * part.len() as f32 && mean(part) > limit
     };
     // The window's first points are those that entered it last.
-    (0..votes.len()).find(bad).map_or(points.len(), |i| i + window / 4)
+    (0..votes.len()).find(bad).map_or(points.len(), |i| (i * stride + window / 4).min(points.len()))
 }
 
 /// Rejects the strands that keep disagreeing with the direction most common in their voxels.
