@@ -159,7 +159,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "smooth",
         summary: "strands resampled, smoothed and trimmed",
-        version: 2,
+        version: 3,
         has_modes: true,
         settings: settings_of!(smooth),
         phases: &[

@@ -1,9 +1,9 @@
 //! Stage 10: strands resampled to 5 mm and smoothed (eq. 2), then trimmed to a fixed topology over the take.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use strandflow_core::{Place, Provenance, Report, RigidTransform, StrandSequence, Strands};
+use strandflow_core::{Place, Provenance, Report, StrandSequence, Strands};
 use strandflow_dynamics::eq2::{self, Reading};
 use strandflow_geometry::polyline::{arc_parameters, at_parameter};
 
@@ -26,6 +26,8 @@ pub struct SmoothSettings {
     /// A strand of fewer particles is left to completion: three particles follow the head, and the springs need a few
     /// free ones after them.
     pub least_particles: usize,
+    /// A strand ends where it has this many times the particles of the strands around it (robust mode).
+    pub outgrown: f64,
 }
 
 impl Default for SmoothSettings {
@@ -37,6 +39,7 @@ impl Default for SmoothSettings {
             count_quantile: 0.75,
             least_presence: 0.3,
             least_particles: 6,
+            outgrown: 1.25,
         }
     }
 }
@@ -54,6 +57,8 @@ impl SmoothSettings {
         let share = ("0..=1", "it is a share");
         need((0.0..=1.0).contains(&self.count_quantile), "smooth.count_quantile", self.count_quantile, share);
         need((0.0..=1.0).contains(&self.least_presence), "smooth.least_presence", self.least_presence, share);
+        let range = ("1..=1000", "half of all strands are longer than the median of those around them");
+        need((1.0..=1000.0).contains(&self.outgrown), "smooth.outgrown", self.outgrown, range);
         let range = ("4 or more", "a tetrahedron of springs has four particles");
         need(self.least_particles >= 4, "smooth.least_particles", self.least_particles as f64, range);
         found
@@ -118,7 +123,8 @@ fn resample(strands: &Strands, strand: usize, settings: &SmoothSettings) -> Resa
 
 /// Phase 2, one block of strands over all frames: fixed counts, missing points marked.
 ///
-/// `frames[t]` holds the same strands of the block in frame `frame_numbers[t]`. `point_count` is the P of the take.
+/// `frames[t]` holds the same strands of the block in frame `frame_numbers[t]`. `point_count` is the P of the take,
+/// `longest` what [`longest_among_neighbours`] says of these strands.
 /// A strand that too few frames have, or that is too short to simulate, gets the count 0 and is completed in `blend`.
 ///
 /// Reference: Zhang et al. 2012 §4 ("trim a fiber to a fixed number of points"). Paper mode takes the shortest frame.
@@ -127,14 +133,14 @@ fn resample(strands: &Strands, strand: usize, settings: &SmoothSettings) -> Resa
 pub fn trim_block(
     frame_numbers: &[u32],
     frames: &[Strands],
-    _world_from_head: &[RigidTransform],
     point_count: usize,
+    longest: &[u16],
     mode: Mode,
     settings: &SmoothSettings,
-    _report: &mut Report,
 ) -> Result<StrandSequence, StageError> {
     let strand_count = frames.iter().map(Strands::strand_count).max().unwrap_or(0);
-    if frames.len() != frame_numbers.len() || frames.iter().any(|f| f.strand_count() != strand_count) {
+    let whole = frames.len() == frame_numbers.len() && longest.len() == strand_count;
+    if !whole || frames.iter().any(|f| f.strand_count() != strand_count) {
         return Err(StageError::Input {
             place: Place::default(),
             fact: format!("{} frames of differing strand counts for {} numbers", frames.len(), frame_numbers.len()),
@@ -144,7 +150,7 @@ pub fn trim_block(
     let counts = (0..strand_count)
         .map(|n| {
             let lengths: Vec<usize> = frames.iter().map(|frame| frame.range(n).len()).collect();
-            fixed_count(&lengths, point_count, mode, settings) as u16
+            fixed_count(&lengths, point_count.min(longest[n].into()), mode, settings) as u16
         })
         .collect();
     let mut out = StrandSequence::missing(frame_numbers.to_vec(), counts, point_count);
@@ -159,6 +165,43 @@ pub fn trim_block(
         }
     }
     Ok(out)
+}
+
+/// Strands around a root whose lengths say what a strand's can be.
+const NEIGHBOURS: usize = 16;
+/// Particles that a strand may always have more than those around it.
+const ALWAYS_MORE: f64 = 2.0;
+
+/// The most particles of each strand: `settings.outgrown` times the median of those around it, by their roots.
+///
+/// `lengths(n)` are the counts of strand n over all frames. Lengths of hair vary slowly over the scalp; a strand that grew
+/// on past its tip, down the neck or along other hair, does not. No limit in paper mode and for strands without neighbours.
+pub fn longest_among_neighbours(
+    roots: &[DVec3],
+    lengths: impl Fn(usize) -> Vec<usize> + Sync,
+    mode: Mode,
+    settings: &SmoothSettings,
+) -> Vec<u16> {
+    if mode == Mode::Paper {
+        return vec![u16::MAX; roots.len()];
+    }
+    let counts: Vec<usize> =
+        (0..roots.len()).into_par_iter().map(|n| fixed_count(&lengths(n), usize::MAX, mode, settings)).collect();
+    let present: Vec<usize> = (0..roots.len()).filter(|&n| counts[n] > 0).collect();
+    let limit = |n: usize| {
+        let mut near: Vec<(f64, usize)> =
+            present.iter().filter(|&&m| m != n).map(|&m| (roots[m].distance_squared(roots[n]), m)).collect();
+        let order = |a: &(f64, usize), b: &(f64, usize)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+        if near.len() > NEIGHBOURS {
+            near.select_nth_unstable_by(NEIGHBOURS - 1, order);
+            near.truncate(NEIGHBOURS);
+        }
+        let mut around: Vec<usize> = near.into_iter().map(|(_, m)| counts[m]).collect();
+        around.sort_unstable();
+        let Some(&median) = around.get(around.len() / 2) else { return u16::MAX };
+        (settings.outgrown * median as f64 + ALWAYS_MORE).ceil().min(f64::from(u16::MAX)) as u16
+    };
+    (0..roots.len()).into_par_iter().map(limit).collect()
 }
 
 /// The particle count of one strand from its counts over all frames.
@@ -225,16 +268,26 @@ mod tests {
         let numbers: Vec<u32> = (10..17).collect();
         let settings = SmoothSettings::default();
         let poses = [RigidTransform::IDENTITY; 7];
-        let out = trim_block(&numbers, &frames, &poses, 40, Mode::Robust, &settings, &mut Report::default()).unwrap();
+        let out = trim_block(&numbers, &frames, 40, &[u16::MAX], Mode::Robust, &settings).unwrap();
         assert_eq!(out.counts, [22]);
         let present = |t: usize| out.range(t, 0).filter(|&i| out.valid(i)).count();
         assert_eq!((0..7).map(present).collect::<Vec<_>>(), [20, 21, 3, 22, 0, 22, 21]);
         assert!((0..out.points.len()).all(|i| out.valid(i) == out.points[i].is_finite()));
-        let paper = trim_block(&numbers, &frames, &poses, 40, Mode::Paper, &settings, &mut Report::default()).unwrap();
+        let paper = trim_block(&numbers, &frames, 40, &[u16::MAX], Mode::Paper, &settings).unwrap();
         assert_eq!(paper.counts, [20]);
-        let capped =
-            trim_block(&numbers, &frames, &poses, 12, Mode::Robust, &settings, &mut Report::default()).unwrap();
+        let capped = trim_block(&numbers, &frames, 12, &[u16::MAX], Mode::Robust, &settings).unwrap();
         assert_eq!(capped.counts, [12]);
+    }
+
+    #[test]
+    fn a_strand_that_outgrows_its_neighbours_is_cut() {
+        let roots: Vec<DVec3> = (0..40).map(|n| DVec3::new(f64::from(n), 0.0, 0.0)).collect();
+        let lengths = |n: usize| vec![if n == 20 { 60 } else { 20 + n / 10 }; 10];
+        let longest = longest_among_neighbours(&roots, lengths, Mode::Robust, &SmoothSettings::default());
+        assert!((28..31).contains(&longest[20]), "{longest:?}");
+        assert!((0..40).all(|n| usize::from(longest[n]) >= 27));
+        let alone = longest_among_neighbours(&roots[..1], lengths, Mode::Robust, &SmoothSettings::default());
+        assert_eq!(alone, [u16::MAX]);
     }
 
     #[test]

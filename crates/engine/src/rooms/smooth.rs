@@ -26,9 +26,12 @@ pub mod frames {
     }
 }
 
-/// Phase 2: the particle count that nearly all strands keep within.
+/// Phase 2: the particle count that nearly all strands keep within, and the limits that neighbours set.
 pub mod topology {
     use strandflow_core::Report;
+    use strandflow_stages::smooth::longest_among_neighbours;
+
+    use super::super::need_scalp;
 
     use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
 
@@ -37,6 +40,7 @@ pub mod topology {
     }
 
     pub(crate) fn needs(job: &Job, _: Item, needs: &mut Needs) -> Result<(), EngineError> {
+        need_scalp(needs)?;
         (job.plan.frames.start..job.plan.frames.end)
             .try_for_each(|t| needs.item(&Item::Frame(t).key("smooth/frames"), &["smooth/frames/provenance"]))
     }
@@ -48,14 +52,32 @@ pub mod topology {
     pub(crate) fn run(job: &Job, _: Item, out: &mut Writer, _: &mut Report) -> Result<(), EngineError> {
         let strands = job.take.strand_count()?;
         let width = job.take.store().shape("smooth/frames/provenance")?[2];
-        let mut with_count = vec![0usize; width + 1];
+        // How often each strand has each count: its size does not grow with the frames.
+        let mut often = vec![0u32; strands * (width + 1)];
         for frame in job.plan.frames.start..job.plan.frames.end {
             let range = [frame..frame + 1, 0..strands, 0..width];
             let provenance: Vec<u8> = job.take.store().read("smooth/frames/provenance", &range)?;
-            for row in provenance.chunks(width) {
-                with_count[row.iter().rposition(|&p| p != 0).map_or(0, |last| last + 1)] += 1;
+            for (n, row) in provenance.chunks(width).enumerate() {
+                often[n * (width + 1) + row.iter().rposition(|&p| p != 0).map_or(0, |last| last + 1)] += 1;
             }
         }
+        let of_strand = |n: usize| &often[n * (width + 1)..(n + 1) * (width + 1)];
+        let lengths = |n: usize| -> Vec<usize> {
+            of_strand(n)
+                .iter()
+                .enumerate()
+                .flat_map(|(count, &times)| std::iter::repeat_n(count, times as usize))
+                .collect()
+        };
+        let roots = job.take.read_scalp()?.roots;
+        let longest = longest_among_neighbours(&roots, lengths, job.plan.mode, &job.plan.settings.smooth);
+        let mut with_count = vec![0usize; width + 1];
+        for (n, &longest) in longest.iter().enumerate() {
+            for (count, &times) in of_strand(n).iter().enumerate() {
+                with_count[count.min(longest.into())] += times as usize;
+            }
+        }
+        out.whole("smooth/longest", &[strands], &longest)?;
         out.whole("smooth/point_count", &[1], &[quantile(&with_count[1..]) as u32])
     }
 
@@ -89,7 +111,7 @@ pub mod trim {
     use serde_json::Value;
     use strandflow_core::Report;
 
-    use super::super::{block_of, ensure, need_pose, of_stage, strand_arrays};
+    use super::super::{block_of, ensure, of_stage, strand_arrays};
     use crate::{
         EngineError, Needs,
         item::{BLOCK_STRANDS, Item},
@@ -110,22 +132,21 @@ pub mod trim {
 
     pub(crate) fn needs(job: &Job, _: Item, needs: &mut Needs) -> Result<(), EngineError> {
         let frames = job.plan.frames.start..job.plan.frames.end;
-        need_pose(job, frames.clone(), needs)?;
-        needs.item("smooth/topology/take", &["smooth/point_count"])?;
+        needs.item("smooth/topology/take", &["smooth/point_count", "smooth/longest"])?;
         let arrays = ["smooth/frames/points", "smooth/frames/provenance", "smooth/frames/confidence"];
         frames.into_iter().try_for_each(|t| needs.item(&Item::Frame(t).key("smooth/frames"), &arrays))
     }
 
-    pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {
+    pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, _: &mut Report) -> Result<(), EngineError> {
         let block = block_of(item)?;
         let first = block * BLOCK_STRANDS;
         let strands = first..(first + BLOCK_STRANDS).min(job.take.strand_count()?);
         let numbers: Vec<u32> = (job.plan.frames.start as u32..job.plan.frames.end as u32).collect();
         let read = |&frame: &u32| job.take.read_strand_range("smooth", frame as usize, strands.clone());
         let frames = numbers.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-        let poses = numbers.iter().map(|&t| job.take.read_pose(t as usize)).collect::<Result<Vec<_>, _>>()?;
+        let longest: Vec<u16> = job.take.store().read("smooth/longest", std::slice::from_ref(&strands))?;
         let (points, mode, settings) = (point_count(job)?, job.plan.mode, &job.plan.settings.smooth);
-        let sequence = strandflow_stages::smooth::trim_block(&numbers, &frames, &poses, points, mode, settings, report)
+        let sequence = strandflow_stages::smooth::trim_block(&numbers, &frames, points, &longest, mode, settings)
             .map_err(of_stage("smooth"))?;
         strand_arrays::write_sequence(out, "smooth", block, &sequence, points)?;
         out.chunk("smooth/counts", &[block], &strand_arrays::padded(&sequence.counts, 1, 0))

@@ -194,6 +194,13 @@ pub const ARRAYS: &[ArraySpec] = &[
         PER_TAKE,
         "particles that 999 of 1000 strands keep within; longer ones lose their tips",
     ),
+    spec(
+        "smooth/longest",
+        (U16, "points"),
+        &["strand"],
+        PER_TAKE,
+        "particles beyond which the strand outgrows those around it; 65535: no limit",
+    ),
     spec("smooth/points", (F32, "mm"), POINTS, STRANDS, POSITION),
     spec("smooth/provenance", (U8, "1"), SAMPLES, STRANDS, NUMBERS_OF_PROVENANCE),
     spec("smooth/confidence", (U8, "1/255"), SAMPLES, STRANDS, CONFIDENCE),
