@@ -267,7 +267,6 @@ mod tests {
         let frames: Vec<Strands> = [20, 21, 3, 22, 0, 24, 21].iter().map(|&n| line(n, 5.0)).collect();
         let numbers: Vec<u32> = (10..17).collect();
         let settings = SmoothSettings::default();
-        let poses = [RigidTransform::IDENTITY; 7];
         let out = trim_block(&numbers, &frames, 40, &[u16::MAX], Mode::Robust, &settings).unwrap();
         assert_eq!(out.counts, [22]);
         let present = |t: usize| out.range(t, 0).filter(|&i| out.valid(i)).count();
