@@ -51,12 +51,14 @@ fn key_frame(job: &Job, view: usize, frame: usize) -> Option<usize> {
     (job.plan.lead.start..=frame).rev().find(|&f| job.take.sources().hair_file(view, f).is_some())
 }
 
-/// The views whose key frames teach the look of hair in a view, with those frames: the view itself first, then all others
-/// that take part and have one. Nothing where the view has no key frame yet.
+/// The views whose key frames teach the look of hair in a view, with those frames: the latest of the view itself first, then
+/// the first of all others that take part. Later key frames of another view are corrections, and repeat nothing here.
+/// Nothing where the view has no key frame yet.
 fn key_views(job: &Job, view: usize, frame: usize) -> Vec<(usize, usize)> {
     let Some(own) = key_frame(job, view, frame) else { return Vec::new() };
     let others = job.take.views().taking_part().iter().copied().filter(|&other| other != view);
-    let others = others.filter_map(|other| Some((other, key_frame(job, other, frame)?)));
+    let first = |other| (job.plan.lead.start..=frame).find(|&f| job.take.sources().hair_file(other, f).is_some());
+    let others = others.filter_map(|other| Some((other, first(other)?)));
     std::iter::once((view, own)).chain(others).collect()
 }
 
