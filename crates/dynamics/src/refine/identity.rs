@@ -29,8 +29,11 @@ pub fn keep_one_hair(head: &[DVec3], weights: &mut [f64], n: usize) {
         let mut last = heaviest;
         for s in order {
             let (before, after) = if backwards { (s, last) } else { (last, s) };
-            let (a, b) = (segments[before][segments[before].len() - 1], segments[after][0]);
-            if jumps(head, weights, n, a, b) { dropped.extend(&segments[s]) } else { last = s }
+            // A single frame at either end may be astray.
+            let ends = segments[before].iter().rev().take(LEAST_FRAMES);
+            let goes_on =
+                |a: &usize| segments[after].iter().take(LEAST_FRAMES).any(|&b| !jumps(head, weights, n, *a, b));
+            if ends.into_iter().any(goes_on) { last = s } else { dropped.extend(&segments[s]) }
         }
     };
     walk(&mut (heaviest + 1..segments.len()), false);
