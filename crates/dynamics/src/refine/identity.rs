@@ -6,9 +6,9 @@
 use glam::DVec3;
 
 /// A jump from one frame to the next beyond this is another hair \[mm, mean over the particles\].
-const JUMP_MM: f64 = 8.0;
+const JUMP_MM: f64 = 10.0;
 /// Further way allowed, in steps that the strand makes in the frames around.
-const STEPS: f64 = 3.0;
+const STEPS: f64 = 1.5;
 /// Frames around whose steps count.
 const AROUND: usize = 3;
 
@@ -30,10 +30,9 @@ pub fn keep_one_hair(head: &[DVec3], weights: &mut [f64], n: usize) {
         for s in order {
             let (before, after) = if backwards { (s, last) } else { (last, s) };
             // A single frame at either end may be astray.
-            let ends = segments[before].iter().rev().take(LEAST_FRAMES);
-            let goes_on =
-                |a: &usize| segments[after].iter().take(LEAST_FRAMES).any(|&b| !jumps(head, weights, n, *a, b));
-            if ends.into_iter().any(goes_on) { last = s } else { dropped.extend(&segments[s]) }
+            let mut ends = segments[before].iter().rev().take(2);
+            let goes_on = |a: &usize| segments[after].iter().take(2).any(|&b| !jumps(head, weights, n, *a, b));
+            if ends.any(goes_on) { last = s } else { dropped.extend(&segments[s]) }
         }
     };
     walk(&mut (heaviest + 1..segments.len()), false);
