@@ -15,7 +15,7 @@ pub fn isotropic(energy: &OrientationEnergy, sigma: f32) -> OrientationEnergy {
 
 /// Pools `energy` along the lines of the `guide` field with a Gaussian of `sigma` \[px\] of arc length (to 2 sigma).
 ///
-/// Lines are followed in steps of [`STEP`] through the nearest guide vector, so the window bends with the lines; it
+/// Lines are followed in steps of two pixels through the nearest guide vector, so the window bends with the lines; it
 /// ends where `inside` does or where the line turns by more than 60° in a step (another layer of lines).
 pub fn along_lines(
     energy: &OrientationEnergy,
