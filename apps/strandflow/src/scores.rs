@@ -8,10 +8,9 @@ use strandflow_core::{Mask, StrandSequence, Strands};
 use strandflow_engine::{Plan, Take};
 use strandflow_eval::{
     DynamicsSampling, DynamicsScores, StrandSampling, StrandScores, Summary, Truth, evaluate_dynamics,
-    evaluate_strands,
+    evaluate_refinement, evaluate_strands,
     head::{PoseScores, ScalpScores, evaluate_pose, evaluate_scalp, marker_reprojection},
     images::{MaskScores, OrientationScores, evaluate_orientation, iou_with_itself_smoothed, mask_iou, mask_scores},
-    position_where_given,
     raster::StrandView,
     statistics::evenly,
     volume::{HullScores, LineScores, MotionScores, evaluate_hull, evaluate_lines, evaluate_motion},
@@ -131,11 +130,10 @@ pub fn score_take(
             scores.strands.push((stage.to_owned(), found));
         }
     }
-    let input = take.read_sequence(SEQUENCE_STAGES[0]).ok();
-    for stage in SEQUENCE_STAGES {
-        if wanted(stage)
-            && let Ok(sequence) = take.read_sequence(stage)
-        {
+    let stages: Vec<&str> = SEQUENCE_STAGES.into_iter().filter(|stage| wanted(stage)).collect();
+    let input = (!stages.is_empty()).then(|| take.read_sequence(SEQUENCE_STAGES[0]).ok()).flatten();
+    for stage in stages {
+        if let Ok(sequence) = take.read_sequence(stage) {
             scores.add_sequence(stage, &sequence, input.as_ref(), take, truth);
         }
     }
@@ -162,8 +160,10 @@ impl Scores {
         let found = evaluate_strands(sequence, truth, take.rig(), &StrandSampling::default());
         self.strands.push((name.to_owned(), found));
         let sampling = DynamicsSampling { frame_secs: take.frame_secs(), ..DynamicsSampling::default() };
-        let mut motion = evaluate_dynamics(sequence, truth, &sampling);
-        motion.position_of_input_mm = input.map(|input| position_where_given(sequence, input, truth, &sampling));
+        let motion = match input {
+            Some(input) => evaluate_refinement(sequence, input, truth, &sampling),
+            None => evaluate_dynamics(sequence, truth, &sampling),
+        };
         self.dynamics.push((name.to_owned(), motion));
     }
 }

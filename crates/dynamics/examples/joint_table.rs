@@ -13,7 +13,7 @@ use strandflow_dynamics::{
     refine::{RefineOptions, Take, Track, refine, refine_on},
 };
 use truth::{
-    FRAME_SECS, Scene, Shape, Truth, error, jitter, lengths, noisy, regrown, spoil, tip_speed, truth as simulate,
+    FRAME_SECS, Scene, Shape, Truth, error, jitter, lengths, noisy, regrown, spoil, swap, tip_speed, truth as simulate,
 };
 
 fn row(name: &str, scenes: &[(Truth, Track)], options: &RefineOptions) {
@@ -93,13 +93,17 @@ fn main() {
             .collect();
         row(name, &scenes, &options);
     }
-    let scenes: Vec<(Truth, Track)> = (0..16)
-        .map(|seed| {
-            let truth = simulate(&Scene { seed, ..Scene::default() });
-            let mut track = noisy(&truth, 3.0, seed);
-            spoil(&mut track, seed);
-            (truth, track)
-        })
-        .collect();
-    row("helix, spoilt", &scenes, &options);
+    for (name, damage) in
+        [("helix, spoilt", spoil as fn(&mut Track, u64)), ("helix, two hairs", |track, _| swap(track))]
+    {
+        let scenes: Vec<(Truth, Track)> = (0..16)
+            .map(|seed| {
+                let truth = simulate(&Scene { seed, ..Scene::default() });
+                let mut track = noisy(&truth, 3.0, seed);
+                damage(&mut track, seed);
+                (truth, track)
+            })
+            .collect();
+        row(name, &scenes, &options);
+    }
 }

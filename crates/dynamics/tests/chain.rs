@@ -15,7 +15,7 @@ use strandflow_dynamics::{
 
 mod truth;
 use truth::{
-    FRAME_SECS, Scene, Shape, Truth, error, jitter, lengths, noisy, regrown, spoil, tip_speed, truth as simulate,
+    FRAME_SECS, Scene, Shape, Truth, error, jitter, lengths, noisy, regrown, spoil, swap, tip_speed, truth as simulate,
 };
 
 fn take(truth: &Truth) -> Take<'_> {
@@ -117,6 +117,20 @@ fn outlier_frames_and_hidden_tails() {
     };
     let (without, with) = (visible(&plain), visible(&spoilt));
     assert!(with <= 2.0 * without, "{without:.2} to {with:.2} mm");
+}
+
+#[test]
+fn a_strand_that_comes_back_as_another_hair() {
+    let truths = truths(Scene::default());
+    let mut tracks = with_noise(&truths, 3.0);
+    tracks.iter_mut().for_each(swap);
+    let out = refined(&truths, &tracks);
+    let j = mean(|k| jitter(&out[k].points, truths[k].n));
+    assert!(j <= 0.95, "jitter {j:.2} mm");
+    // In the frames of the first hair, nothing of the second.
+    let own = |e: usize, n: usize| e / n < 40;
+    let after = mean(|k| error(&out[k].points, &truths[k], |e| own(e, truths[k].n)));
+    assert!(after <= 1.9, "{after:.2} mm");
 }
 
 #[test]

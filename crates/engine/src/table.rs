@@ -84,7 +84,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "masks",
         summary: "subject and hair masks",
-        version: 4,
+        version: 5,
         has_modes: true,
         settings: settings_of!(masks),
         phases: &[phase!("masks/masks", ViewFrameChained, Lead, rooms::masks)],
@@ -171,7 +171,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "fit",
         summary: "strands explained by simulation",
-        version: 6,
+        version: 7,
         has_modes: true,
         settings: settings_of!(fit),
         phases: &[phase!("fit/fit", Block, Frames, rooms::fit)],

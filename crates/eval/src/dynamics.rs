@@ -70,17 +70,40 @@ pub struct DynamicsScores {
 
 /// Scores a sequence over the frames that the truth has too. Missing samples take no part.
 pub fn evaluate_dynamics(sequence: &StrandSequence, truth: &Truth, sampling: &DynamicsSampling) -> DynamicsScores {
+    scores(sequence, None, truth, sampling)
+}
+
+/// Scores what a refinement made of its input: as [`evaluate_dynamics`], and the position error over the samples that the
+/// input has, too. A refinement fills in what its input lacks; what it makes of what it was given shows there alone.
+pub fn evaluate_refinement(
+    sequence: &StrandSequence,
+    input: &StrandSequence,
+    truth: &Truth,
+    sampling: &DynamicsSampling,
+) -> DynamicsScores {
+    scores(sequence, Some(input), truth, sampling)
+}
+
+fn scores(
+    sequence: &StrandSequence,
+    input: Option<&StrandSequence>,
+    truth: &Truth,
+    sampling: &DynamicsSampling,
+) -> DynamicsScores {
     let frames: Vec<(usize, usize)> =
         sequence.frames.iter().enumerate().filter_map(|(t, f)| Some((t, truth.at(*f)?))).collect();
     let mut scores = DynamicsScores { sampling: *sampling, ..DynamicsScores::default() };
     if frames.is_empty() {
         return scores;
     }
-    let present: Vec<usize> = (0..sequence.strand_count).filter(|n| sequence.counts[*n] > 1).collect();
-    let chosen: Vec<usize> = evenly(present.len(), sampling.strands).into_iter().map(|i| present[i]).collect();
     let indices = stable_indices(truth, &frames);
-    let followed: Vec<StrandRecord> =
-        chosen.par_iter().filter_map(|n| follow(sequence, *n, truth, &frames, &indices, sampling)).collect();
+    let chosen = chosen_strands(sequence, sampling);
+    let followed = follow_all(sequence, &chosen, truth, &frames, &indices, sampling);
+    scores.position_of_input_mm = input.map(|input| {
+        let given = only_where_given(sequence, input);
+        let followed = follow_all(&given, &chosen_strands(&given, sampling), truth, &frames, &indices, sampling);
+        Summary::of(followed.iter().flat_map(|s| &s.position).copied())
+    });
 
     let all = |f: fn(&StrandRecord) -> &Vec<f64>| followed.iter().flat_map(f).copied();
     scores.strands = (chosen.len(), followed.len());
@@ -107,16 +130,21 @@ pub fn evaluate_dynamics(sequence: &StrandSequence, truth: &Truth, sampling: &Dy
     scores
 }
 
-/// Distance of the particles to their true strands \[mm\] over the samples that `input` has, as in [`evaluate_dynamics`].
-///
-/// A refinement fills in what its input lacks. What it makes of the samples that it was given shows here alone.
-pub fn position_where_given(
+/// Strands evenly chosen among those present.
+fn chosen_strands(sequence: &StrandSequence, sampling: &DynamicsSampling) -> Vec<usize> {
+    let present: Vec<usize> = (0..sequence.strand_count).filter(|n| sequence.counts[*n] > 1).collect();
+    evenly(present.len(), sampling.strands).into_iter().map(|i| present[i]).collect()
+}
+
+fn follow_all(
     sequence: &StrandSequence,
-    input: &StrandSequence,
+    chosen: &[usize],
     truth: &Truth,
+    frames: &[(usize, usize)],
+    indices: &[SampleIndex],
     sampling: &DynamicsSampling,
-) -> Summary {
-    evaluate_dynamics(&only_where_given(sequence, input), truth, sampling).position_mm
+) -> Vec<StrandRecord> {
+    chosen.par_iter().filter_map(|n| follow(sequence, *n, truth, frames, indices, sampling)).collect()
 }
 
 /// The samples of a sequence that another one, of the same strands, has too.

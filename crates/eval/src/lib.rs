@@ -14,7 +14,7 @@ pub mod table;
 pub mod truth;
 pub mod volume;
 
-pub use dynamics::{DynamicsSampling, DynamicsScores, evaluate_dynamics, position_where_given};
+pub use dynamics::{DynamicsSampling, DynamicsScores, evaluate_dynamics, evaluate_refinement};
 pub use statistics::Summary;
 pub use strands::{StrandSampling, StrandScores, evaluate_strands};
 pub use table::Table;

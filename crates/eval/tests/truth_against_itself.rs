@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use glam::{DVec3, Vec3};
 use strandflow_core::{Camera, Distortion, Provenance, Rig, RigidTransform, StrandSequence};
 use strandflow_eval::{
-    DynamicsSampling, StrandSampling, Truth, evaluate_dynamics, evaluate_strands, position_where_given,
+    DynamicsSampling, StrandSampling, Truth, evaluate_dynamics, evaluate_refinement, evaluate_strands,
 };
 
 const POINTS: usize = 30;
@@ -100,10 +100,11 @@ fn what_a_refinement_fills_in_does_not_count_where_only_the_given_samples_do() {
     }
     let filled = sequence(&truth, |_, _, p| Vec3::new(0.0, if p < 20 { 1.0 } else { 9.0 }, 0.0));
     let sampling = DynamicsSampling::default();
-    assert!(evaluate_dynamics(&filled, &truth, &sampling).position_mm.mean > 3.0);
-    let given = position_where_given(&filled, &input, &truth, &sampling);
-    assert!((given.mean - 1.0).abs() < 0.1, "{}", given.mean);
-    assert!((position_where_given(&input, &input, &truth, &sampling).mean - 2.0).abs() < 0.1);
+    let of_input =
+        |sequence| evaluate_refinement(sequence, &input, &truth, &sampling).position_of_input_mm.unwrap().mean;
+    assert!(evaluate_refinement(&filled, &input, &truth, &sampling).position_mm.mean > 3.0);
+    assert!((of_input(&filled) - 1.0).abs() < 0.1, "{}", of_input(&filled));
+    assert!((of_input(&input) - 2.0).abs() < 0.1, "{}", of_input(&input));
 }
 
 #[test]

@@ -97,4 +97,23 @@ mod tests {
             assert!(energy.cos2[(24, 24)].hypot(energy.sin2[(24, 24)]) > 0.8 * energy.total[(24, 24)]);
         }
     }
+
+    #[test]
+    fn twelve_orientations_read_what_thirty_two_do() {
+        let plane = Plane::from_fn(48, 48, |x, y| {
+            let across = |theta: f32| -(x as f32) * theta.sin() + y as f32 * theta.cos();
+            (1.1 * across(0.4)).sin() + 0.6 * (0.8 * across(1.3)).sin()
+        });
+        let read = |orientations: usize| {
+            let mut energy = OrientationEnergy::zero(48, 48);
+            add_energy(&plane, (6.0, 3.0), orientations, 1.0 / orientations as f32, &mut energy);
+            energy
+        };
+        let (few, many) = (read(12), read(32));
+        for i in (0..48 * 48).filter(|i| many.cos2.data[*i].hypot(many.sin2.data[*i]) > 0.3 * many.total.data[*i]) {
+            let angle = |energy: &OrientationEnergy| 0.5 * energy.sin2.data[i].atan2(energy.cos2.data[i]);
+            let error = (angle(&few) - angle(&many)).sin().abs().asin().to_degrees();
+            assert!(error < 0.01, "{error}° at {i}");
+        }
+    }
 }

@@ -36,6 +36,9 @@ pub fn along_lines(
 /// Way between two samples of a line \[px\].
 const STEP: usize = 2;
 
+/// Width of the border: a step, and a pixel since a rounded step may be longer by a bit.
+const BORDER: usize = STEP + 1;
+
 /// What a line meets in a pixel, on one half of a cache line.
 #[derive(Clone, Copy, Default)]
 #[repr(align(32))]
@@ -45,7 +48,7 @@ struct Cell {
     energy: [f32; 3],
 }
 
-/// The cells with a border of one step, which no line crosses.
+/// The cells with a border that no line crosses.
 struct Field {
     stride: usize,
     cells: Vec<Cell>,
@@ -53,8 +56,8 @@ struct Field {
 
 impl Field {
     fn new(energy: &OrientationEnergy, guide: &OrientationEnergy, inside: &Plane<bool>) -> Self {
-        let stride = inside.width + 2 * STEP;
-        let mut cells = vec![Cell::default(); stride * (inside.height + 2 * STEP)];
+        let stride = inside.width + 2 * BORDER;
+        let mut cells = vec![Cell::default(); stride * (inside.height + 2 * BORDER)];
         for (i, _) in inside.data.iter().enumerate().filter(|(_, inside)| **inside) {
             // Half of the doubled angle, without an angle.
             let (c, s) = (guide.cos2.data[i], guide.sin2.data[i]);
@@ -62,7 +65,7 @@ impl Field {
             let cosine = if length > 0.0 { c / length } else { 1.0 };
             let direction =
                 [(0.5 * (1.0 + cosine)).max(0.0).sqrt(), (0.5 * (1.0 - cosine)).max(0.0).sqrt().copysign(s)];
-            let at = (i / inside.width + STEP) * stride + i % inside.width + STEP;
+            let at = (i / inside.width + BORDER) * stride + i % inside.width + BORDER;
             cells[at] = Cell { direction, energy: [energy.cos2.data[i], energy.sin2.data[i], energy.total.data[i]] };
         }
         Self { stride, cells }
@@ -70,11 +73,11 @@ impl Field {
 
     /// The weighted mean of the energies along the line through a pixel; zero outside.
     fn pooled(&self, x: usize, y: usize, weights: &[f32]) -> [f32; 3] {
-        let start = &self.cells[(y + STEP) * self.stride + x + STEP];
+        let start = &self.cells[(y + BORDER) * self.stride + x + BORDER];
         let (mut sum, mut norm) = (start.energy.map(|e| weights[0] * e), weights[0]);
         // Both ways at once, so that one waits for its cell while the other computes. A line that ended stands still.
         let [dx, dy] = start.direction.map(|d| d * STEP as f32);
-        let at = [(x + STEP) as f32 + 0.5, (y + STEP) as f32 + 0.5];
+        let at = [(x + BORDER) as f32 + 0.5, (y + BORDER) as f32 + 0.5];
         let mut lines = [(at, [dx, dy]), (at, [-dx, -dy])];
         for &weight in &weights[1..] {
             for ([u, v], [dx, dy]) in &mut lines {

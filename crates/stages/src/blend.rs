@@ -7,7 +7,7 @@ use strandflow_core::{Place, Provenance, Report, RigidTransform, SparseVoxels, S
 use strandflow_dynamics::warp::{WarpWeights, interpolate, warp};
 use strandflow_volume::velocity::VelocitySampler;
 
-use crate::{Mode, SettingViolation, StageError};
+use crate::{Mode, SettingViolation, StageError, neighbours::nearest_roots};
 
 /// What one frame needs. `sequence` holds the fitted strands of the previous, this and the next frame (2 or 3 frames:
 /// a neighbour that does not exist is left out), `fields[i]` the velocity field of `sequence.frames[i]`.
@@ -259,20 +259,7 @@ impl Context<'_> {
 
     /// The lenders of nearest roots: strand, weight (inverse distance), distance \[mm\]; nearest first.
     fn neighbours(&self, n: usize, lenders: &[usize]) -> Vec<(usize, f64, f64)> {
-        let root = self.input.roots[n];
-        let mut near: Vec<(f64, usize)> = lenders
-            .iter()
-            .filter(|&&m| m != n)
-            .map(|&m| (self.input.roots[m].distance_squared(root), m))
-            .filter(|(d, _)| d.is_finite())
-            .collect();
-        let k = self.settings.completion_neighbours.min(near.len());
-        let order = |a: &(f64, usize), b: &(f64, usize)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
-        if k > 0 && k < near.len() {
-            near.select_nth_unstable_by(k - 1, order);
-        }
-        near.truncate(k);
-        near.sort_unstable_by(order);
+        let near = nearest_roots(self.input.roots, n, lenders, self.settings.completion_neighbours);
         near.into_iter().map(|(d, m)| (m, 1.0 / (d.sqrt() + 0.5), d.sqrt())).collect()
     }
 }

@@ -4,16 +4,15 @@
 //! vectors, so that opposite signs of one line do not cancel. A line has two directions: the one of smaller angle to the
 //! previous step is taken. Reference: Paris et al. 2008, section 6; Zhang et al. 2012, section 4.
 
+mod carry;
+
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Place, Provenance, Report, RigidTransform, SparseVoxels, Strands};
-use strandflow_volume::{
-    tensor::Tensor,
-    velocity::{VelocitySampler, VoxelIndex},
-};
+use strandflow_volume::{tensor::Tensor, velocity::VoxelIndex};
 
-use crate::{Mode, SettingViolation, StageError, field::FieldVoxel};
+use crate::{Mode, SettingViolation, StageError, field::FieldVoxel, grow::carry::Carrier};
 
 /// What one frame needs.
 pub struct GrowInput<'a> {
@@ -264,44 +263,6 @@ impl LineField<'_> {
         sum.try_normalize()
     }
 }
-
-/// Carries the strands of the frame before into this one.
-struct Carrier<'a> {
-    strands: &'a Strands,
-    motion: VelocitySampler<'a>,
-    now_from_before: RigidTransform,
-}
-
-impl<'a> Carrier<'a> {
-    fn new(before: &Before<'a>, world_from_head: RigidTransform) -> Self {
-        let now_from_before = world_from_head.after(&before.world_from_head.inverse());
-        Self { strands: before.strands, motion: VelocitySampler::new(before.motion), now_from_before }
-    }
-
-    /// Where the points of a strand have got to. The motion is known where the hair is now, so y = x + u(y) is iterated from
-    /// where the head's motion alone would have brought it.
-    /// One point in [`CARRIED`] asks for its motion; those between move as their neighbours do.
-    fn carried(&self, strand: usize) -> Vec<Vec3> {
-        let points = self.strands.strand(strand);
-        let place = |x: Vec3| {
-            let rigid = self.now_from_before.point(x.as_dvec3()).as_vec3();
-            let moved = |y: Vec3| self.motion.at(y).map_or(rigid, |u| x + u);
-            (0..3).fold(rigid, |y, _| moved(y))
-        };
-        let Some(last) = points.len().checked_sub(1) else { return Vec::new() };
-        let asked: Vec<Vec3> = (0..last).step_by(CARRIED).chain([last]).map(|i| place(points[i]) - points[i]).collect();
-        let between = |i: usize| {
-            let (from, to) = (i / CARRIED * CARRIED, (i / CARRIED * CARRIED + CARRIED).min(last));
-            let share = if to > from { (i - from) as f32 / (to - from) as f32 } else { 0.0 };
-            points[i] + asked[i / CARRIED].lerp(asked[(i / CARRIED + 1).min(asked.len() - 1)], share)
-        };
-        (0..last).map(between).chain([points[last] + asked[asked.len() - 1]]).collect()
-    }
-}
-
-/// Points of a carried strand from one that asks for its motion to the next: 6 mm at a step of 2 mm, while the motion is
-/// smooth over 10 mm and more.
-const CARRIED: usize = 3;
 
 /// The strand of the frame before, carried into this one (no points where there is none), and how much it draws.
 struct Guide<'a> {

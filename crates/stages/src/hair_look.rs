@@ -4,22 +4,16 @@
 //! learnt from the same given mask does not drift.
 
 use strandflow_core::{Mask, Place, Plane, RgbImage};
-use strandflow_image::{
-    boost::{BoostOptions, Boosted},
-    colour::luma_of,
-    filter::{gaussian, gaussian_where},
-    matte::from_plate,
-    region::Region,
-};
+use strandflow_image::{boost::Boosted, colour::luma_of, filter::gaussian_where, region::Region};
 
 use crate::{
     StageError,
-    hair_edge::HairEdge,
-    masks::{MasksSettings, around, matte_options},
+    key_frame::{KeyView, Lesson, channels, difference, size},
+    masks::{MasksSettings, around},
 };
 
 /// Where pixels count as fully covered.
-pub(crate) const SOLID: u8 = 230;
+const SOLID: u8 = 230;
 /// Weight of a pixel of another view or shade; each view has its own light and its own camera.
 const OTHERS: f32 = 0.3;
 /// Shares of its brightness at which the view is shown again: hair that moves casts its shadow elsewhere.
@@ -27,40 +21,10 @@ const SHADES: [f32; 2] = [0.5, 0.75];
 /// One in so many pixels teaches, of the view itself and of others.
 const TAUGHT: (usize, usize) = (2, 8);
 
-/// What a view shows on a key frame.
-#[derive(Clone, Copy, Debug)]
-pub struct KeyView<'a> {
-    /// The image.
-    pub image: &'a RgbImage,
-    /// The view without the subject.
-    pub plate: &'a RgbImage,
-    /// The given hair mask.
-    pub hair: &'a Mask,
-    /// The subject mask, where one is given.
-    pub subject: Option<&'a Mask>,
-}
-
-impl KeyView<'_> {
-    fn is_of_one_size(&self) -> bool {
-        let sizes = [(self.plate.width, self.plate.height), (self.hair.width, self.hair.height)];
-        let subject = self.subject.map(|m| (m.width, m.height));
-        sizes.into_iter().chain(subject).all(|size| size == (self.image.width, self.image.height))
-    }
-
-    fn matte(&self, settings: &MasksSettings) -> Mask {
-        self.subject.map_or_else(|| from_plate(self.image, self.plate, &matte_options(settings)), Mask::clone)
-    }
-}
-
-/// What hair looks like in a view.
+/// What hair looks like in a view: hair against skin, markers and the plate between strands. Nothing where the key frame shows
+/// no subject, or one that is all hair or has none.
 #[derive(Clone, Debug, PartialEq)]
-pub struct HairLook {
-    /// Hair against skin, markers and the plate between strands; `None` where the key frame shows no subject, or one that is
-    /// all hair or has none.
-    hair: Option<Boosted>,
-    /// The border of thin hair; `None` where the plate does better or the subject is given.
-    edge: Option<HairEdge>,
-}
+pub struct HairLook(Option<Boosted>);
 
 impl HairLook {
     /// Learns from the key frame of a view, and, with less weight, from those of the others: a view may show shadowed skin
@@ -74,85 +38,44 @@ impl HairLook {
         others: &[KeyView],
         settings: &MasksSettings,
     ) -> Result<Self, StageError> {
-        if !own.is_of_one_size() {
-            return Err(StageError::Input {
-                place: place.clone(),
-                fact: "image, clean plate and masks of the key frame differ in size".into(),
-                hint: "images, plates and masks of a view have one size".into(),
-            });
-        }
+        own.must_be_of_one_size(place)?;
         let matte = own.matte(settings);
-        let Some(region) = around(&matte) else { return Ok(Self { hair: None, edge: None }) };
-        let mut lesson = Lesson::of(own, &matte, region, 1.0, TAUGHT.0);
-        let other = |key: &KeyView| {
+        let Some(region) = around(&matte) else { return Ok(Self(None)) };
+        let mut lesson = taught(own, &matte, region, 1.0, TAUGHT.0);
+        for key in others.iter().filter(|key| key.is_of_one_size()) {
             let matte = key.matte(settings);
-            Some(Lesson::of(key, &matte, around(&matte)?, OTHERS, TAUGHT.1))
-        };
-        others.iter().filter(|key| key.is_of_one_size()).filter_map(other).for_each(|more| lesson.add(more));
+            around(&matte).into_iter().for_each(|region| lesson.add(taught(key, &matte, region, OTHERS, TAUGHT.1)));
+        }
         for shade in SHADES {
             let image = own.image.map(|colour| colour.map(|code| (f32::from(code) * shade).round() as u8));
-            lesson.add(Lesson::of(&KeyView { image: &image, ..*own }, &matte, region, OTHERS, TAUGHT.0));
+            lesson.add(taught(&KeyView { image: &image, ..*own }, &matte, region, OTHERS, TAUGHT.0));
         }
-        let edge = own.subject.is_none().then(|| HairEdge::learn(own, &matte, region)).flatten();
-        Ok(Self { hair: lesson.learnt(), edge })
-    }
-
-    /// The matte of an image, thinned where the plate is seen between strands.
-    pub fn thinned(&self, image: &RgbImage, plate: &RgbImage, matte: &Mask) -> Mask {
-        match (&self.edge, around(matte)) {
-            (Some(edge), Some(region)) => edge.thinned(image, plate, matte, region),
-            _ => matte.clone(),
-        }
+        Ok(Self(lesson.learnt()))
     }
 
     /// Log odds of hair at every pixel of a region of an image; 0 where nothing was learnt.
     pub fn hair_odds(&self, image: &RgbImage, plate: &RgbImage, subject: &Mask, region: Region) -> Vec<f32> {
-        match &self.hair {
+        match &self.0 {
             Some(model) => model.log_odds(&hair_columns((image, plate), subject, region)),
             None => vec![0.0; region.width * region.height],
         }
     }
 }
 
-/// Pixels that teach what is hair: one column a feature, the share of hair, and how much each counts.
-struct Lesson {
-    columns: Vec<Vec<f32>>,
-    target: Vec<f32>,
-    weight: Vec<f32>,
-}
-
-impl Lesson {
-    /// One in `step` of the pixels that the subject covers, rows taking turns.
-    fn of(key: &KeyView, subject: &Mask, region: Region, weight: f32, step: usize) -> Self {
-        let solid = region.crop(subject, |&m| m >= SOLID);
-        let hair = region.crop(key.hair, |&m| f32::from(m) / 255.0);
-        let in_turn = |i: usize| (i % region.width + i / region.width).is_multiple_of(step);
-        let chosen: Vec<usize> = (0..hair.data.len()).filter(|&i| solid.data[i] && in_turn(i)).collect();
-        let pick = |column: &[f32]| chosen.iter().map(|&i| column[i]).collect::<Vec<f32>>();
-        let columns = hair_columns((key.image, key.plate), subject, region);
-        Self {
-            columns: columns.iter().map(|c| pick(c)).collect(),
-            target: pick(&hair.data),
-            weight: vec![weight; chosen.len()],
-        }
-    }
-
-    fn add(&mut self, more: Self) {
-        self.columns.iter_mut().zip(more.columns).for_each(|(all, column)| all.extend(column));
-        self.target.extend(more.target);
-        self.weight.extend(more.weight);
-    }
-
-    fn learnt(&self) -> Option<Boosted> {
-        Boosted::learn(&self.columns, &self.target, &self.weight, &BoostOptions::default())
-    }
+/// What is hair: one in `step` of the pixels that the subject covers, rows taking turns.
+fn taught(key: &KeyView, subject: &Mask, region: Region, weight: f32, step: usize) -> Lesson {
+    let solid = region.crop(subject, |&m| m >= SOLID);
+    let hair = region.crop(key.hair, |&m| f32::from(m) / 255.0);
+    let in_turn = |i: usize| (i % region.width + i / region.width).is_multiple_of(step);
+    let chosen: Vec<usize> = (0..hair.data.len()).filter(|&i| solid.data[i] && in_turn(i)).collect();
+    Lesson::of(&hair_columns((key.image, key.plate), subject, region), &hair.data, &chosen, weight)
 }
 
 /// Ratios of channels (they bear shadow), luma, and texture, at several scales: one column each. Colours are averaged over
 /// the subject, so that the plate does not bleed in.
 fn hair_columns((image, plate): (&RgbImage, &RgbImage), subject: &Mask, region: Region) -> Vec<Vec<f32>> {
     let weight = region.crop(subject, |&m| if m >= SOLID { 1.0 } else { 1e-3 + 0.2 * (f32::from(m) / 255.0).powi(2) });
-    let rgb = [0, 1, 2].map(|c| region.crop(image, |colour| f32::from(colour[c])));
+    let rgb = channels(image, region);
     let luma = region.crop(image, |&colour| luma_of(colour));
     let mut columns = Vec::new();
     for sigma in [0.7, 1.5, 3.0] {
@@ -170,14 +93,7 @@ fn hair_columns((image, plate): (&RgbImage, &RgbImage), subject: &Mask, region: 
     }
     columns.push(detail.data);
     // How far from the plate, for thin hair.
-    let behind = [0, 1, 2].map(|c| region.crop(plate, |colour| f32::from(colour[c])));
-    let away = [0, 1, 2].map(|c| {
-        let data = rgb[c].data.iter().zip(&behind[c].data).map(|(a, b)| a - b).collect();
-        Plane { data, ..rgb[c] }
-    });
-    for sigma in [0.7, 2.5] {
-        let [r, g, b] = [0, 1, 2].map(|c| gaussian(&away[c], sigma).data);
-        columns.push((0..r.len()).map(|i| (r[i] * r[i] + g[i] * g[i] + b[i] * b[i]).sqrt()).collect());
-    }
+    let away = difference(image, plate, region);
+    columns.extend([0.7, 2.5].map(|sigma| size(&away, sigma)));
     columns
 }

@@ -9,7 +9,7 @@ use strandflow_image::{
     region::Region,
 };
 
-use crate::{Mode, SettingViolation, StageError, hair_look::HairLook};
+use crate::{Mode, SettingViolation, StageError, hair_edge::HairEdge, hair_look::HairLook};
 
 /// What one view and frame needs.
 pub struct MasksInput<'a> {
@@ -25,8 +25,12 @@ pub struct MasksInput<'a> {
     pub given_hair: Option<&'a Mask>,
     /// The frame before, unless this is the first.
     pub previous: Option<PreviousFrame<'a>>,
-    /// The latest key frame at or before this frame: its given hair mask, and what was learnt there.
-    pub key: Option<(&'a Mask, Option<&'a HairLook>)>,
+    /// The given hair mask of the latest key frame at or before this frame.
+    pub key: Option<&'a Mask>,
+    /// What hair looks like in this view (robust mode).
+    pub look: Option<&'a HairLook>,
+    /// How the border of thin hair looks in this view (robust mode).
+    pub edge: Option<&'a HairEdge>,
 }
 
 /// The frame before and what was found there.
@@ -108,7 +112,8 @@ pub fn masks(
     report: &mut Report,
 ) -> Result<Masks, StageError> {
     check_sizes(input)?;
-    let look = input.key.and_then(|(_, look)| look).filter(|_| mode == Mode::Robust);
+    let look = input.look.filter(|_| mode == Mode::Robust);
+    let edge = input.edge.filter(|_| mode == Mode::Robust && input.given_subject.is_none());
     let matte = match input.given_subject {
         Some(given) => given.clone(),
         None => from_plate(input.image, input.plate, &matte_options(settings)),
@@ -121,14 +126,11 @@ pub fn masks(
     // What follows the flow alone needs it finer; as a prior, a quarter of the resolution does as well in half the time.
     let halvings = if look.is_some() { 2 } else { 1 };
     let expected = input.given_hair.cloned().or_else(|| carried_hair(input, &matte, bounds, halvings));
-    let Some(expected) = expected.or_else(|| input.key.map(|(mask, _)| mask.clone())) else {
+    let Some(expected) = expected.or_else(|| input.key.cloned()) else {
         report.warn(input.place.clone(), "no hair mask at or before this frame", "hair mask is empty");
         return Ok(Masks { subject: matte, hair: empty(input.image) });
     };
-    let subject = match look.filter(|_| input.given_subject.is_none()) {
-        Some(look) => look.thinned(input.image, input.plate, &matte),
-        None => matte.clone(),
-    };
+    let subject = edge.map_or_else(|| matte.clone(), |edge| edge.thinned(input.image, input.plate, &matte));
     let hair = match (input.given_hair, look) {
         (Some(given), _) => given.clone(),
         (None, Some(look)) => decided_hair(input, (&matte, &subject), &expected, look, settings),
@@ -208,7 +210,7 @@ fn check_sizes(input: &MasksInput) -> Result<(), StageError> {
     let mask_size = |mask: &Mask| (mask.width, mask.height);
     others.extend(input.given_subject.map(|m| ("given subject mask", mask_size(m))));
     others.extend(input.given_hair.map(|m| ("given hair mask", mask_size(m))));
-    others.extend(input.key.map(|(m, _)| ("hair mask of the key frame", mask_size(m))));
+    others.extend(input.key.map(|m| ("hair mask of the key frame", mask_size(m))));
     others.extend(input.previous.as_ref().map(|p| ("frame before", (p.image.width, p.image.height))));
     match others.into_iter().find(|(_, other)| *other != size) {
         None => Ok(()),

@@ -29,7 +29,7 @@ pub struct OrientationMap {
 pub struct OrientSettings {
     /// Wavelengths of the filter pairs \[px\]: about two to four times the width of a visible strand or wisp.
     pub wavelengths_px: Vec<f32>,
-    /// Orientations of the bank (even).
+    /// Orientations of the bank (even); more than twelve read the same.
     pub orientations: usize,
     /// Sigma of the high pass that removes shading \[px\].
     pub highpass_px: f32,

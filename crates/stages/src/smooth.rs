@@ -7,7 +7,7 @@ use strandflow_core::{Place, Provenance, Report, StrandSequence, Strands};
 use strandflow_dynamics::eq2::{self, Reading};
 use strandflow_geometry::polyline::{arc_parameters, at_parameter};
 
-use crate::{Mode, SettingViolation, StageError};
+use crate::{Mode, SettingViolation, StageError, neighbours::nearest_roots};
 
 /// Settings of stage `smooth`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -176,6 +176,8 @@ const ALWAYS_MORE: f64 = 2.0;
 ///
 /// `lengths(n)` are the counts of strand n over all frames. Lengths of hair vary slowly over the scalp; a strand that grew
 /// on past its tip, down the neck or along other hair, does not. No limit in paper mode and for strands without neighbours.
+///
+/// *Deviation* (robust): the paper lets every strand be as long as it grew.
 pub fn longest_among_neighbours(
     roots: &[DVec3],
     lengths: impl Fn(usize) -> Vec<usize> + Sync,
@@ -189,13 +191,7 @@ pub fn longest_among_neighbours(
         (0..roots.len()).into_par_iter().map(|n| fixed_count(&lengths(n), usize::MAX, mode, settings)).collect();
     let present: Vec<usize> = (0..roots.len()).filter(|&n| counts[n] > 0).collect();
     let limit = |n: usize| {
-        let mut near: Vec<(f64, usize)> =
-            present.iter().filter(|&&m| m != n).map(|&m| (roots[m].distance_squared(roots[n]), m)).collect();
-        let order = |a: &(f64, usize), b: &(f64, usize)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
-        if near.len() > NEIGHBOURS {
-            near.select_nth_unstable_by(NEIGHBOURS - 1, order);
-            near.truncate(NEIGHBOURS);
-        }
+        let near = nearest_roots(roots, n, &present, NEIGHBOURS);
         let mut around: Vec<usize> = near.into_iter().map(|(_, m)| counts[m]).collect();
         around.sort_unstable();
         let Some(&median) = around.get(around.len() / 2) else { return u16::MAX };

@@ -8,9 +8,7 @@ use strandflow_core::{
 };
 use strandflow_geometry::project::project;
 use strandflow_stages::{
-    Mode, StageError,
-    hair_look::{HairLook, KeyView},
-    masks, orient, pose,
+    Mode, StageError, hair_edge::HairEdge, hair_look::HairLook, key_frame::KeyView, masks, orient, pose,
 };
 
 /// Noise of about 3 code values, the same for the same seed.
@@ -103,6 +101,7 @@ fn hair_is_carried_over_five_frames_from_the_first_mask() {
     let settings = masks::MasksSettings::default();
     let key = KeyView { image: &key_image, plate: &plate, hair: &key_hair, subject: None };
     let look = HairLook::learn(&Place::default(), &key, &[], &settings).unwrap();
+    let edge = HairEdge::learn(&Place::default(), &key, &settings).unwrap();
     for mode in [Mode::Paper, Mode::Robust] {
         let mut before: Option<(RgbImage, masks::Masks)> = None;
         for t in 0..6u32 {
@@ -114,7 +113,9 @@ fn hair_is_carried_over_five_frames_from_the_first_mask() {
                 given_subject: None,
                 given_hair: (t == 0).then_some(&key_hair),
                 previous: before.as_ref().map(|(image, masks)| masks::PreviousFrame { image, masks }),
-                key: Some((&key_hair, Some(&look))),
+                key: Some(&key_hair),
+                look: Some(&look),
+                edge: Some(&edge),
             };
             let found = masks::masks(&input, mode, &settings, &mut Report::default()).unwrap();
             let (s, h) = (iou(&found.subject, &subject), iou(&found.hair, &hair));
@@ -161,6 +162,7 @@ fn a_fringe_is_thinned_where_the_wall_is_behind_it_and_not_where_skin_is() {
     let (settings, place) = (masks::MasksSettings::default(), Place::default());
     let key = KeyView { image: &key_image, plate: &plate, hair: &key_hair, subject: None };
     let look = HairLook::learn(&place, &key, &[], &settings).unwrap();
+    let edge = HairEdge::learn(&place, &key, &settings).unwrap();
     let (image, subject, _) = fringe_scene(2);
     let [matte, thinned] = [Mode::Paper, Mode::Robust].map(|mode| {
         let input = masks::MasksInput {
@@ -170,7 +172,9 @@ fn a_fringe_is_thinned_where_the_wall_is_behind_it_and_not_where_skin_is() {
             given_subject: None,
             given_hair: None,
             previous: None,
-            key: Some((&key_hair, Some(&look))),
+            key: Some(&key_hair),
+            look: Some(&look),
+            edge: Some(&edge),
         };
         masks::masks(&input, mode, &settings, &mut Report::default()).unwrap().subject
     });
@@ -190,12 +194,16 @@ fn a_key_frame_of_another_size_or_without_hair_is_no_disaster() {
     let key = |image, hair| KeyView { image, plate: &plate, hair, subject: None };
     let error = HairLook::learn(&place, &key(&image, &small), &[], &settings);
     assert!(matches!(error, Err(StageError::Input { .. })));
+    let error = HairEdge::learn(&place, &key(&image, &small), &settings);
+    assert!(matches!(error, Err(StageError::Input { .. })));
     // A bald head and an empty scene teach nothing; the mask carried by flow is then kept.
     let bald = hair.map(|_| 0u8);
     for (image, hair) in [(&image, &bald), (&plate, &hair)] {
         let look = HairLook::learn(&place, &key(image, hair), &[], &settings).unwrap();
         let region = strandflow_image::region::Region::whole(hair);
         assert!(look.hair_odds(image, &plate, hair, region).iter().all(|&o| o == 0.0));
+        let edge = HairEdge::learn(&place, &key(image, hair), &settings).unwrap();
+        assert_eq!(edge.thinned(image, &plate, hair), *hair);
     }
 }
 

@@ -5,74 +5,103 @@
 
 use glam::DVec3;
 
+use super::track::median;
+
 /// A jump from one frame to the next beyond this is another hair \[mm, mean over the particles\].
 const JUMP_MM: f64 = 10.0;
-/// Further way allowed, in steps that the strand makes in the frames around.
+/// Further way allowed a frame, in steps of the strand.
 const STEPS: f64 = 1.5;
-/// Frames around whose steps count.
+/// Frames over which steps are measured: over one, noise of 3 mm would look like a step of 7 mm.
 const AROUND: usize = 3;
-
 /// Segments of fewer frames are left to the sliding median, which knows the single samples.
 const LEAST_FRAMES: usize = 3;
 
 /// Takes the weight from all frames but those of one hair: the heaviest segment, and those that continue it.
+///
+/// *Deviation*: the paper fits what it is given. `joint_table` has the measured effect (row "two hairs").
 pub fn keep_one_hair(head: &[DVec3], weights: &mut [f64], n: usize) {
-    let mut segments = segments(head, weights, n);
-    segments.retain(|segment| segment.len() >= LEAST_FRAMES);
-    let weight =
-        |segment: &[usize]| -> f64 { segment.iter().map(|t| weights[t * n..(t + 1) * n].iter().sum::<f64>()).sum() };
-    let heaviest =
-        (0..segments.len()).max_by(|&a, &b| weight(&segments[a]).total_cmp(&weight(&segments[b])).then(b.cmp(&a)));
-    let Some(heaviest) = heaviest.filter(|_| segments.len() > 1) else { return };
+    let strand = Strand::new(head, weights, n);
+    let segments: Vec<Vec<usize>> =
+        strand.segments().into_iter().filter(|segment| segment.len() >= LEAST_FRAMES).collect();
+    let weight = |s: usize| segments[s].iter().flat_map(|t| &strand.weights[t * n..(t + 1) * n]).sum::<f64>();
+    let heaviest = (0..segments.len()).max_by(|&a, &b| weight(a).total_cmp(&weight(b)).then(b.cmp(&a)));
+    let Some(heaviest) = heaviest else { return };
     let mut dropped: Vec<usize> = Vec::new();
-    let mut walk = |order: &mut dyn Iterator<Item = usize>, backwards: bool| {
-        let mut last = heaviest;
-        for s in order {
-            let (before, after) = if backwards { (s, last) } else { (last, s) };
-            // A single frame at either end may be astray.
-            let mut ends = segments[before].iter().rev().take(2);
-            let goes_on = |a: &usize| segments[after].iter().take(2).any(|&b| !jumps(head, weights, n, *a, b));
-            if ends.any(goes_on) { last = s } else { dropped.extend(&segments[s]) }
-        }
-    };
-    walk(&mut (heaviest + 1..segments.len()), false);
-    walk(&mut (0..heaviest).rev(), true);
+    let (mut first, mut last) = (heaviest, heaviest);
+    for s in heaviest + 1..segments.len() {
+        if strand.goes_on(&segments[last], &segments[s]) { last = s } else { dropped.extend(&segments[s]) }
+    }
+    for s in (0..heaviest).rev() {
+        if strand.goes_on(&segments[s], &segments[first]) { first = s } else { dropped.extend(&segments[s]) }
+    }
     for t in dropped {
         weights[t * n..(t + 1) * n].fill(0.0);
     }
 }
 
-/// Runs of present frames without a jump; frames without a sample belong to none.
-fn segments(head: &[DVec3], weights: &[f64], n: usize) -> Vec<Vec<usize>> {
-    let present = (0..weights.len() / n).filter(|t| weights[t * n..(t + 1) * n].iter().any(|w| *w > 0.0));
-    let mut segments: Vec<Vec<usize>> = Vec::new();
-    for t in present {
-        match segments.last_mut() {
-            Some(segment) if segment.last().is_some_and(|&before| !jumps(head, weights, n, before, t)) => {
-                segment.push(t)
-            }
-            _ => segments.push(vec![t]),
-        }
+/// A strand of n particles in head space; samples of weight zero are missing.
+struct Strand<'a> {
+    head: &'a [DVec3],
+    weights: &'a [f64],
+    n: usize,
+    /// The median of its steps \[mm/frame\].
+    usual: f64,
+}
+
+impl<'a> Strand<'a> {
+    fn new(head: &'a [DVec3], weights: &'a [f64], n: usize) -> Self {
+        let mut strand = Self { head, weights, n, usual: 0.0 };
+        let mut steps: Vec<f64> = (0..strand.frames()).filter_map(|t| strand.step(t)).collect();
+        strand.usual = median(&mut steps).unwrap_or(0.0);
+        strand
     }
-    segments
-}
 
-/// Whether a strand goes further from frame `a` to frame `b` than its steps around them explain.
-fn jumps(head: &[DVec3], weights: &[f64], n: usize, a: usize, b: usize) -> bool {
-    let Some(way) = mean_way(head, weights, n, a, b) else { return false };
-    let last = weights.len() / n - 1;
-    let around = (a.saturating_sub(AROUND)..a).chain(b..(b + AROUND).min(last));
-    let mut steps: Vec<f64> = around.filter_map(|t| mean_way(head, weights, n, t, t + 1)).collect();
-    steps.sort_by(f64::total_cmp);
-    let step = if steps.is_empty() { 0.0 } else { steps[steps.len() / 2] };
-    way > JUMP_MM + STEPS * step * (b - a) as f64
-}
+    fn frames(&self) -> usize {
+        self.weights.len() / self.n
+    }
 
-/// The mean way of the particles that both frames have \[mm\].
-fn mean_way(head: &[DVec3], weights: &[f64], n: usize, a: usize, b: usize) -> Option<f64> {
-    let both = (0..n).filter(|i| weights[a * n + i] > 0.0 && weights[b * n + i] > 0.0);
-    let (sum, count) = both.fold((0.0, 0), |(s, c), i| (s + head[a * n + i].distance(head[b * n + i]), c + 1));
-    (count > 0).then(|| sum / f64::from(count))
+    /// Runs of present frames without a jump; frames without a sample belong to none.
+    fn segments(&self) -> Vec<Vec<usize>> {
+        let present = |t: &usize| self.weights[t * self.n..(t + 1) * self.n].iter().any(|w| *w > 0.0);
+        let mut segments: Vec<Vec<usize>> = Vec::new();
+        for t in (0..self.frames()).filter(present) {
+            match segments.last_mut() {
+                Some(segment) if !self.jumps(&segment[segment.len() - 1..], &[t]) => segment.push(t),
+                _ => segments.push(vec![t]),
+            }
+        }
+        segments
+    }
+
+    /// Whether one segment continues another. A single frame at either end may be astray.
+    fn goes_on(&self, before: &[usize], after: &[usize]) -> bool {
+        !self.jumps(&before[before.len().saturating_sub(2)..], &after[..after.len().min(2)])
+    }
+
+    /// The way from a frame to one a few later, for each of them \[mm\].
+    fn step(&self, t: usize) -> Option<f64> {
+        let way = (t + AROUND < self.frames()).then(|| self.mean_way(t, t + AROUND)).flatten()?;
+        Some(way / AROUND as f64)
+    }
+
+    /// Whether the strand goes further between some frames before and some after than its steps there, or its usual ones,
+    /// explain.
+    fn jumps(&self, before: &[usize], after: &[usize]) -> bool {
+        let (Some(&a), Some(&b)) = (before.last(), after.first()) else { return false };
+        let ways = before.iter().flat_map(|a| after.iter().filter_map(|b| self.mean_way(*a, *b)));
+        let way = ways.fold(f64::INFINITY, f64::min);
+        let around = [a.checked_sub(AROUND).and_then(|t| self.step(t)), self.step(b)];
+        let step = around.into_iter().flatten().fold(self.usual, f64::max);
+        way.is_finite() && way > JUMP_MM + STEPS * step * (b - a) as f64
+    }
+
+    /// The mean way of the particles that both frames have \[mm\].
+    fn mean_way(&self, a: usize, b: usize) -> Option<f64> {
+        let (a, b) = (a * self.n, b * self.n);
+        let both = (0..self.n).filter(|i| self.weights[a + i] > 0.0 && self.weights[b + i] > 0.0);
+        let (sum, count) = both.fold((0.0, 0), |(s, c), i| (s + self.head[a + i].distance(self.head[b + i]), c + 1));
+        (count > 0).then(|| sum / f64::from(count))
+    }
 }
 
 #[cfg(test)]

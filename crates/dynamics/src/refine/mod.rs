@@ -1,6 +1,6 @@
 //! The whole chain from noisy strand tracks to refined ones, many strands at a time.
 //!
-//! 1. [`track`]: trust in every sample from its neighbours in time, the root's path, and the rest shape.
+//! 1. [`track`]: samples of one hair, trust in each from its neighbours in time, the root's path, and the rest shape.
 //! 2. [`clean`]: missing samples filled by simulation, a local quadratic filter in head space, and prox.
 //! 3. [`windows`]: overlapping windows fitted to the *original* samples with parameters and initial velocity free,
 //!    averaged; repeated; finished with prox.

@@ -113,7 +113,7 @@ fn distrust_outliers(head: &[DVec3], weights: &mut [f64], n: usize) {
 }
 
 /// The middle value (upper of two); reorders its input.
-fn median(values: &mut [f64]) -> Option<f64> {
+pub(super) fn median(values: &mut [f64]) -> Option<f64> {
     if values.is_empty() {
         return None;
     }

@@ -204,6 +204,18 @@ pub fn spoil(track: &mut Track, seed: u64) {
     }
 }
 
+/// Makes a track another hair for the last third of its frames, after two in which it is lost: all but the clamped particles
+/// 50 mm aside.
+pub fn swap(track: &mut Track) {
+    let n = track.particle_count;
+    let frames = track.points.len() / n;
+    let lost = 2 * frames / 3;
+    track.weights[lost * n..(lost + 2) * n].fill(0.0);
+    for points in track.points.chunks_exact_mut(n).skip(lost) {
+        points[3..].iter_mut().for_each(|p| *p += DVec3::new(30.0, 0.0, 40.0));
+    }
+}
+
 /// Mean distance \[mm\] over the samples that count.
 pub fn error(points: &[DVec3], truth: &Truth, counts: impl Fn(usize) -> bool) -> f64 {
     let each: Vec<f64> =

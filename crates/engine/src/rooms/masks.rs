@@ -7,8 +7,10 @@ use std::{
 
 use strandflow_core::{Place, Report};
 use strandflow_stages::{
-    Mode,
-    hair_look::{HairLook, KeyView},
+    Mode, StageError,
+    hair_edge::HairEdge,
+    hair_look::HairLook,
+    key_frame::KeyView,
     masks::{MasksInput, MasksSettings, PreviousFrame},
 };
 
@@ -32,13 +34,10 @@ pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), Engi
         needs.value("files", "given", &given.is_some());
         given.map_or(Ok(()), |file| needs.file(&file))?;
     }
-    for (view, key) in key_views(job, view, frame) {
-        needs.file(sources.plate_file(view))?;
-        needs.file(&sources.image_file(view, key)?)?;
-        for given in [sources.hair_file(view, key), sources.subject_file(view, key)] {
-            given.map_or(Ok(()), |file| needs.file(&file))?;
-        }
+    if let Some(key) = key_frame(job, view, frame) {
+        needs_key(job, (view, key), needs)?;
     }
+    teachers(job, view, frame).into_iter().try_for_each(|key| needs_key(job, key, needs))?;
     if frame > job.plan.lead.start {
         needs.file(&sources.image_file(view, frame - 1)?)?;
         needs.item(&Item::ViewFrame(view, frame - 1).key(PHASE), &ARRAYS)?;
@@ -51,14 +50,28 @@ fn key_frame(job: &Job, view: usize, frame: usize) -> Option<usize> {
     (job.plan.lead.start..=frame).rev().find(|&f| job.take.sources().hair_file(view, f).is_some())
 }
 
-/// The views whose key frames teach the look of hair in a view, with those frames: the latest of the view itself first, then
-/// the first of all others that take part. Later key frames of another view are corrections, and repeat nothing here.
-/// Nothing where the view has no key frame yet.
-fn key_views(job: &Job, view: usize, frame: usize) -> Vec<(usize, usize)> {
-    let Some(own) = key_frame(job, view, frame) else { return Vec::new() };
+/// The first one.
+fn first_key_frame(job: &Job, view: usize, frame: usize) -> Option<usize> {
+    (job.plan.lead.start..=frame).find(|&f| job.take.sources().hair_file(view, f).is_some())
+}
+
+/// All that a key frame shows.
+fn needs_key(job: &Job, (view, key): (usize, usize), needs: &mut Needs) -> Result<(), EngineError> {
+    let sources = job.take.sources();
+    needs.file(sources.plate_file(view))?;
+    needs.file(&sources.image_file(view, key)?)?;
+    let given = [sources.hair_file(view, key), sources.subject_file(view, key)];
+    given.into_iter().flatten().try_for_each(|file| needs.file(&file))
+}
+
+/// The first key frames of all views that take part and of the view itself, which comes first: (view, frame). What they teach
+/// stays when later frames are corrected. Nothing in paper mode or where the view has no key frame yet.
+fn teachers(job: &Job, view: usize, frame: usize) -> Vec<(usize, usize)> {
+    let own = first_key_frame(job, view, frame).filter(|_| job.plan.mode == Mode::Robust);
+    let Some(own) = own else { return Vec::new() };
     let others = job.take.views().taking_part().iter().copied().filter(|&other| other != view);
-    let first = |other| (job.plan.lead.start..=frame).find(|&f| job.take.sources().hair_file(other, f).is_some());
-    let others = others.filter_map(|other| Some((other, first(other)?)));
+    let others = others.filter_map(|other| Some((other, first_key_frame(job, other, frame)?)));
+    let others = others.filter(|&(other, key)| job.take.sources().image_file(other, key).is_ok());
     std::iter::once((view, own)).chain(others).collect()
 }
 
@@ -73,11 +86,22 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
     } else {
         None
     };
-    let look = look(job, view, frame)?;
-    let key = match key_frame(job, view, frame) {
-        Some(at) => take.given_hair(view, at)?,
-        None => None,
+    let teachers = teachers(job, view, frame);
+    let key = key_frame(job, view, frame);
+    let (look, edge) = match (key, teachers.split_first()) {
+        (Some(key), Some((first, others))) => {
+            let from: Vec<_> = std::iter::once((view, key)).chain(others.iter().copied()).collect();
+            let settings = &job.plan.settings.masks;
+            let looks = take.looks();
+            let look =
+                looks.hair.once(job, view, from, |place, own, others| HairLook::learn(place, own, others, settings))?;
+            let edge =
+                looks.edge.once(job, view, vec![*first], |place, own, _| HairEdge::learn(place, own, settings))?;
+            (look, edge)
+        }
+        _ => (None, None),
     };
+    let key = key.map_or(Ok(None), |key| take.given_hair(view, key))?;
     let input = MasksInput {
         place: Place::view_frame(&take.rig().cameras[view].name, frame),
         image: &image,
@@ -85,7 +109,9 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
         given_subject: subject.as_ref(),
         given_hair: hair.as_ref(),
         previous: previous.as_ref().map(|(image, masks)| PreviousFrame { image, masks }),
-        key: key.as_ref().map(|mask| (mask, look.as_ref().map(|l| &l.look))),
+        key: key.as_ref(),
+        look: look.as_ref().map(|learnt| &learnt.what),
+        edge: edge.as_ref().map(|learnt| &learnt.what),
     };
     let masks = strandflow_stages::masks::masks(&input, job.plan.mode, &job.plan.settings.masks, report)
         .map_err(of_stage("masks"))?;
@@ -93,43 +119,60 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
     images::write_image(job, out, ARRAYS[1], (view, frame), &masks.hair)
 }
 
-/// What was learnt of the hair in each view on its latest key frame: the frames that follow share it.
+/// What was learnt of the hair in each view: its frames share it.
 #[derive(Default)]
-pub(crate) struct Looks(Mutex<HashMap<usize, Arc<Learnt>>>);
-
-/// A look and what it was learnt from; files keep their content as long as a take is open.
-struct Learnt {
-    keys: Vec<(usize, usize)>,
-    settings: MasksSettings,
-    look: HairLook,
+pub(crate) struct Looks {
+    hair: LearntOnce<HairLook>,
+    edge: LearntOnce<HairEdge>,
 }
 
-/// The look of hair in a view, learnt on key frames; none in paper mode or where the view has no key frame yet.
-fn look(job: &Job, view: usize, frame: usize) -> Result<Option<Arc<Learnt>>, EngineError> {
-    let keys = key_views(job, view, frame);
-    if job.plan.mode == Mode::Paper || keys.is_empty() {
-        return Ok(None);
+/// What was learnt last in each view.
+struct LearntOnce<T>(Mutex<HashMap<usize, Arc<Learnt<T>>>>);
+
+/// Something learnt, and from which (view, key frame); files keep their content as long as a take is open.
+struct Learnt<T> {
+    keys: Vec<(usize, usize)>,
+    settings: MasksSettings,
+    what: T,
+}
+
+impl<T> Default for LearntOnce<T> {
+    fn default() -> Self {
+        Self(Mutex::default())
     }
-    let (take, settings) = (job.take, &job.plan.settings.masks);
-    let known = take.looks().0.lock().unwrap_or_else(PoisonError::into_inner).get(&view).cloned();
-    if let Some(known) = known.filter(|l| l.keys == keys && l.settings == *settings) {
-        return Ok(Some(known));
-    }
-    let mut shown = Vec::with_capacity(keys.len());
-    for &(view, key) in &keys {
-        if let Some(hair) = take.given_hair(view, key)? {
-            let images = (take.images().image(view, key)?, take.plate(view)?);
-            shown.push((images, hair, take.given_subject(view, key)?));
+}
+
+impl<T> LearntOnce<T> {
+    /// What is learnt in a view from some key frames, its own first; as before where these are the same.
+    fn once(
+        &self,
+        job: &Job,
+        view: usize,
+        keys: Vec<(usize, usize)>,
+        learn: impl FnOnce(&Place, &KeyView, &[KeyView]) -> Result<T, StageError>,
+    ) -> Result<Option<Arc<Learnt<T>>>, EngineError> {
+        let (take, settings) = (job.take, &job.plan.settings.masks);
+        let known = self.0.lock().unwrap_or_else(PoisonError::into_inner).get(&view).cloned();
+        if let Some(known) = known.filter(|l| l.keys == keys && l.settings == *settings) {
+            return Ok(Some(known));
         }
+        let read = |&(view, key): &(usize, usize)| -> Result<_, EngineError> {
+            let Some(hair) = take.given_hair(view, key)? else { return Ok(None) };
+            let images = (take.images().image(view, key)?, take.plate(view)?);
+            Ok(Some((images, hair, take.given_subject(view, key)?)))
+        };
+        // What is wrong with another view is said by its own items; here it teaches nothing.
+        let others = keys[1..].iter().filter_map(|key| read(key).ok().flatten());
+        let shown: Vec<_> = read(&keys[0])?.into_iter().chain(others).collect();
+        let views: Vec<KeyView> = shown
+            .iter()
+            .map(|((image, plate), hair, subject)| KeyView { image, plate, hair, subject: subject.as_ref() })
+            .collect();
+        let place = Place::view_frame(&take.rig().cameras[view].name, keys[0].1);
+        let Some((own, others)) = views.split_first() else { return Ok(None) };
+        let what = learn(&place, own, others).map_err(of_stage("masks"))?;
+        let learnt = Arc::new(Learnt { keys, settings: settings.clone(), what });
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(view, learnt.clone());
+        Ok(Some(learnt))
     }
-    let shown: Vec<KeyView> = shown
-        .iter()
-        .map(|((image, plate), hair, subject)| KeyView { image, plate, hair, subject: subject.as_ref() })
-        .collect();
-    let Some((own, others)) = shown.split_first() else { return Ok(None) };
-    let place = Place::view_frame(&take.rig().cameras[view].name, keys[0].1);
-    let look = HairLook::learn(&place, own, others, settings).map_err(of_stage("masks"))?;
-    let learnt = Arc::new(Learnt { keys, settings: settings.clone(), look });
-    take.looks().0.lock().unwrap_or_else(PoisonError::into_inner).insert(view, learnt.clone());
-    Ok(Some(learnt))
 }
