@@ -10,7 +10,7 @@ use crate::{held_out, scores::Scores};
 impl Scores {
     /// The tables that `evaluate` prints.
     pub fn text(&self) -> String {
-        let tables = [self.stages(), self.shapes(), self.motion(), self.in_views()];
+        let tables = [self.stages(), self.reliability(), self.shapes(), self.motion(), self.in_views()];
         tables.into_iter().flatten().map(|table| format!("{table}\n")).collect()
     }
 
@@ -63,7 +63,9 @@ impl Scores {
         if !self.orient.is_empty() {
             let all: Vec<f64> = self.orient.iter().map(|(_, s)| s.all.mean).collect();
             let half: Vec<f64> = self.orient.iter().map(|(_, s)| s.confident_half.mean).collect();
+            let fifths: Vec<f64> = self.orient.iter().map(|(_, s)| s.confident_three_fifths.mean).collect();
             row("orient", "2D error, all hair pixels, degrees", most(&all), mean(&all));
+            row("orient", "2D error, most confident 60 %, degrees", most(&fifths), mean(&fifths));
             row("orient", "2D error, most confident half, degrees", most(&half), mean(&half));
             any = true;
         }
@@ -75,6 +77,12 @@ impl Scores {
                 row(stage, "angular error, degrees", most(&of(|l| l.degrees.mean)), mean(&of(|l| l.degrees.mean)));
                 any = true;
             }
+        }
+        if !self.surface.is_empty() {
+            let error: Vec<f64> = self.surface.iter().map(|(_, s)| s.error_mm.median).collect();
+            let behind: Vec<f64> = self.surface.iter().map(|(_, s)| s.behind_mm).collect();
+            row("field", "surface of the hair volume, mm (median)", most(&error), mean(&error));
+            row("field", "  of it behind the true surface, mm", most(&behind), mean(&behind));
         }
         if !self.motion.is_empty() {
             let of = |f: fn(&MotionScores) -> f64| -> Vec<f64> { self.motion.iter().map(|(_, m)| f(m)).collect() };
@@ -90,6 +98,23 @@ impl Scores {
         any.then_some(table)
     }
 
+    /// 2D orientations in ten equal parts by confidence, means over the frames.
+    fn reliability(&self) -> Option<Table> {
+        let frames: Vec<_> = self.orient.iter().map(|(_, s)| &s.tenths).filter(|tenths| tenths.len() == 10).collect();
+        if frames.is_empty() {
+            return None;
+        }
+        let names: Vec<String> = (1..=10).map(|k| k.to_string()).collect();
+        let mut table = Table::new(
+            &[&["orient, by tenths of confidence"][..], &names.iter().map(String::as_str).collect::<Vec<_>>()].concat(),
+        );
+        let of =
+            |which: fn(&(f64, f64)) -> f64, k: usize| mean(&frames.iter().map(|f| which(&f[k])).collect::<Vec<_>>());
+        table.row("mean confidence", (0..10).map(|k| format!("{:.2}", of(|p| p.0, k))));
+        table.row("mean error, degrees", (0..10).map(|k| format!("{:.1}", of(|p| p.1, k))));
+        Some(table)
+    }
+
     /// Strands as shapes: one row a stage.
     fn shapes(&self) -> Option<Table> {
         let first = self.strands.first()?;
@@ -98,14 +123,15 @@ impl Scores {
             let at = format!("{:.0} mm/{:.0}°", threshold.distance_mm, threshold.angle_deg);
             header.extend([format!("P {at}"), format!("R {at}"), format!("F1 {at}"), format!("F1 visible {at}")]);
         }
-        header.push("consistency".to_owned());
+        header.extend(["consistency", "occupancy F1", "surface mm", "behind mm"].map(str::to_owned));
         let mut table = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
         for (stage, scores) in &self.strands {
             let mut cells = vec![format!("{:.0}", scores.strands)];
             for t in &scores.thresholds {
                 cells.extend([t.all.precision, t.all.recall, t.all.f1, t.visible.f1].map(|x| format!("{x:.3}")));
             }
-            cells.push(format!("{:.3}", scores.consistency));
+            cells.extend([scores.consistency, scores.occupancy.f1].map(|x| format!("{x:.3}")));
+            cells.extend([scores.surface_mm.0, scores.surface_mm.1].map(|x| format!("{x:.2}")));
             table.row(stage, cells);
         }
         Some(table)
@@ -119,6 +145,7 @@ impl Scores {
             "position mm",
             "of input's points",
             "velocity mm/s",
+            "of true speed",
             "jitter mm",
             "excess",
             "jerk ratio",
@@ -134,6 +161,7 @@ impl Scores {
                     format!("{:.2}", s.position_mm.mean),
                     s.position_of_input_mm.as_ref().map_or("".into(), |given| format!("{:.2}", given.mean)),
                     format!("{:.0}", s.velocity_mm_s.mean),
+                    format!("{:.2}", s.velocity_share),
                     format!("{:.3}", s.jitter_mm),
                     format!("{:.3}", s.jitter_excess_mm),
                     format!("{:.2}", s.jerk_ratio),
@@ -147,6 +175,7 @@ impl Scores {
         table.row(
             "truth",
             [
+                "0".to_owned(),
                 "0".to_owned(),
                 "0".to_owned(),
                 "0".to_owned(),

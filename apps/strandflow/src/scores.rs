@@ -4,7 +4,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 use serde::Serialize;
-use strandflow_core::{Mask, StrandSequence, Strands};
+use strandflow_core::{Mask, Occupancy, StrandSequence, Strands};
 use strandflow_engine::{Plan, Take};
 use strandflow_eval::{
     DynamicsSampling, DynamicsScores, StrandSampling, StrandScores, Summary, Truth, evaluate_dynamics,
@@ -13,7 +13,10 @@ use strandflow_eval::{
     images::{MaskScores, OrientationScores, evaluate_orientation, iou_with_itself_smoothed, mask_iou, mask_scores},
     raster::StrandView,
     statistics::evenly,
-    volume::{HullScores, LineScores, MotionScores, evaluate_hull, evaluate_lines, evaluate_motion},
+    volume::{
+        HullScores, LineScores, MotionScores, SurfaceScores, evaluate_hull, evaluate_lines, evaluate_motion,
+        evaluate_surface,
+    },
 };
 use strandflow_geometry::polyline;
 
@@ -43,6 +46,8 @@ pub struct Scores {
     pub lift: Vec<(usize, LineScores)>,
     /// Dense field, per frame.
     pub field: Vec<(usize, LineScores)>,
+    /// First voxels of the hair volume along viewing rays, per frame.
+    pub surface: Vec<(usize, SurfaceScores)>,
     /// Motion since the frame before, per frame.
     pub motion: Vec<(usize, MotionScores)>,
     /// Strands as shapes, per stage.
@@ -99,8 +104,9 @@ pub fn score_take(
     let chosen: Vec<usize> = evenly(frames.len(), IMAGE_FRAMES).into_iter().map(|i| frames[i]).collect();
     for &frame in &chosen {
         let Some(t) = truth.at(frame as u32) else { continue };
+        let drawn = if wanted("orient") || wanted("field") { drawn_truth(take, truth, t) } else { Vec::new() };
         if wanted("orient") {
-            scores.orient.extend(score_orientation(take, truth, frame, t).map(|found| (frame, found)));
+            scores.orient.extend(score_orientation(take, &drawn, frame).map(|found| (frame, found)));
         }
         if wanted("lift")
             && let Ok(lines) = take.read_lines(frame)
@@ -113,6 +119,9 @@ pub fn score_take(
         {
             let directions: Vec<_> = field.values.iter().map(|voxel| voxel.direction).collect();
             scores.field.push((frame, evaluate_lines(&field.grid, &field.indices, &directions, truth, t)));
+            let mut volume = Occupancy::empty(field.grid);
+            field.indices.iter().for_each(|&voxel| volume.set(voxel as usize, true));
+            scores.surface.push((frame, evaluate_surface(&volume, take.rig(), &drawn)));
         }
         if wanted("field")
             && t > 0
@@ -205,22 +214,19 @@ fn true_masks(take: &Take, folder: &Path, frame: usize) -> Option<Vec<Mask>> {
     take.rig().cameras.iter().map(|camera| strandflow_io::read_mask(&file(&camera.name)).ok()).collect()
 }
 
-fn score_orientation(take: &Take, truth: &Truth, frame: usize, t: usize) -> Option<OrientationScores> {
+/// What each view truly sees of the hair in the `t`-th true frame.
+fn drawn_truth(take: &Take, truth: &Truth, t: usize) -> Vec<StrandView> {
+    let head = truth.head_at(truth.frames[t]);
+    let strands = || (0..truth.strand_count()).map(|n| (n as u32, truth.strand(t, n)));
+    take.rig().cameras.par_iter().map(|camera| StrandView::draw(camera, strands(), &head)).collect()
+}
+
+fn score_orientation(take: &Take, drawn: &[StrandView], frame: usize) -> Option<OrientationScores> {
     let views: Option<Vec<_>> =
         (0..take.rig().view_count()).map(|view| take.read_orientation(view, frame).ok()).collect();
-    let head = truth.head_at(frame as u32);
-    let drawn: Vec<StrandView> = take
-        .rig()
-        .cameras
-        .par_iter()
-        .map(|camera| {
-            let strands = (0..truth.strand_count()).map(|n| (n as u32, truth.strand(t, n)));
-            StrandView::draw(camera, strands, &head)
-        })
-        .collect();
     let views = views?;
     let maps: Vec<_> = views.iter().map(|map| (&map.angle, &map.confidence)).collect();
-    Some(evaluate_orientation(&maps, &drawn))
+    Some(evaluate_orientation(&maps, drawn))
 }
 
 /// Strands of some evenly chosen frames as a sequence, resampled to 5 mm.

@@ -48,6 +48,8 @@ pub struct DynamicsScores {
     pub velocity_mm_s: Summary,
     /// Root mean square true speed at the same places \[mm/s\].
     pub true_speed_mm_s: f64,
+    /// Mean velocity error over the mean true speed.
+    pub velocity_share: f64,
     /// Root mean square second difference of the positions \[mm\].
     pub jitter_mm: f64,
     /// The true strands' at the same places \[mm\].
@@ -110,6 +112,7 @@ fn scores(
     scores.position_mm = Summary::of(all(|s| &s.position));
     scores.velocity_mm_s = Summary::of(all(|s| &s.velocity));
     scores.true_speed_mm_s = root_mean_square(all(|s| &s.true_speed));
+    scores.velocity_share = ratio(scores.velocity_mm_s.mean, Summary::of(all(|s| &s.true_speed)).mean);
     let jitter = |border: Option<bool>, which: fn(&Second) -> f64| {
         let seconds = followed.iter().flat_map(|s| &s.second);
         root_mean_square(seconds.filter(|s| border.is_none_or(|b| s.border == b)).map(which))

@@ -69,6 +69,10 @@ pub struct OrientationScores {
     pub all: Summary,
     /// Over the more confident half of them.
     pub confident_half: Summary,
+    /// Over the more confident three fifths of them.
+    pub confident_three_fifths: Summary,
+    /// Reliability: the pixels in ten equal parts by rising confidence, (mean confidence, mean error) of each.
+    pub tenths: Vec<(f64, f64)>,
     /// Means per view: all, more confident half.
     pub per_view: Vec<(f64, f64)>,
     /// Mean over the pixels weighted by confidence.
@@ -79,21 +83,41 @@ pub struct OrientationScores {
 ///
 /// The half is taken over the pixels of all views together for the totals and within each view for the views.
 pub fn evaluate_orientation(maps: &[(&Plane<f32>, &Plane<f32>)], truth: &[StrandView]) -> OrientationScores {
-    let views: Vec<Vec<(f32, f64)>> =
-        maps.par_iter().zip(truth).map(|((angle, confidence), view)| errors(angle, confidence, view)).collect();
-    let halves = |pixels: &[(f32, f64)]| {
-        let mut sorted = pixels.to_vec();
-        sorted.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let half = Summary::of(sorted[..sorted.len().div_ceil(2)].iter().map(|p| p.1));
-        (Summary::of(pixels.iter().map(|p| p.1)), half)
-    };
-    let pooled: Vec<(f32, f64)> = views.iter().flatten().copied().collect();
-    let (all, confident_half) = halves(&pooled);
+    let views: Vec<Vec<(f32, f64)>> = maps
+        .par_iter()
+        .zip(truth)
+        .map(|((angle, confidence), view)| by_falling_confidence(errors(angle, confidence, view)))
+        .collect();
+    let pooled = by_falling_confidence(views.iter().flatten().copied().collect());
     let weight: f64 = pooled.iter().map(|p| f64::from(p.0)).sum();
     let weighted: f64 = pooled.iter().map(|p| f64::from(p.0) * p.1).sum();
-    let per_view = views.iter().map(|v| halves(v)).map(|(all, half)| (all.mean, half.mean)).collect();
-    let weighted_mean = if weight > 0.0 { weighted / weight } else { 0.0 };
-    OrientationScores { all, confident_half, per_view, weighted_mean }
+    OrientationScores {
+        all: most_confident(&pooled, 1.0),
+        confident_half: most_confident(&pooled, 0.5),
+        confident_three_fifths: most_confident(&pooled, 0.6),
+        tenths: tenths(&pooled),
+        per_view: views.iter().map(|v| (most_confident(v, 1.0).mean, most_confident(v, 0.5).mean)).collect(),
+        weighted_mean: if weight > 0.0 { weighted / weight } else { 0.0 },
+    }
+}
+
+fn by_falling_confidence(mut pixels: Vec<(f32, f64)>) -> Vec<(f32, f64)> {
+    pixels.sort_by(|a, b| b.0.total_cmp(&a.0));
+    pixels
+}
+
+/// Errors of this share of the pixels, which are sorted by falling confidence.
+fn most_confident(sorted: &[(f32, f64)], share: f64) -> Summary {
+    let count = (sorted.len() as f64 * share).ceil() as usize;
+    Summary::of(sorted[..count.min(sorted.len())].iter().map(|p| p.1))
+}
+
+/// Ten equal parts by rising confidence: mean confidence and mean error.
+fn tenths(sorted: &[(f32, f64)]) -> Vec<(f64, f64)> {
+    let mean = |part: &[(f32, f64)], of: fn(&(f32, f64)) -> f64| part.iter().map(of).sum::<f64>() / part.len() as f64;
+    let bounds = |k: usize| k * sorted.len() / 10;
+    let parts = (0..10).rev().map(|k| &sorted[bounds(k)..bounds(k + 1)]).filter(|part| !part.is_empty());
+    parts.map(|part| (mean(part, |p| f64::from(p.0)), mean(part, |p| p.1))).collect()
 }
 
 /// Agreement of strands with the orientation map of a view that had no part in their making, where there is no truth.
@@ -197,6 +221,9 @@ mod tests {
         let scores = evaluate_orientation(&[(&angle, &confidence)], &[view]);
         assert!((scores.all.mean - 15.0).abs() < 1e-3 && (scores.confident_half.mean - 10.0).abs() < 1e-3);
         assert_eq!(scores.all.count, 80);
+        assert!((scores.confident_three_fifths.mean - (40.0 * 10.0 + 8.0 * 20.0) / 48.0).abs() < 1e-3);
+        assert_eq!(scores.tenths.len(), 10);
+        assert!((scores.tenths[0].1 - 20.0).abs() < 1e-3 && (scores.tenths[9].1 - 10.0).abs() < 1e-3);
         assert!((scores.weighted_mean - (9.0 + 4.0) / 1.1).abs() < 1e-3);
     }
 }

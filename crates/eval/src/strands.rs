@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use strandflow_core::{Rig, StrandSequence};
 
 use crate::index::{SampleIndex, StrandSample, sample_polyline, undirected_cosine};
-use crate::raster::StrandView;
-use crate::statistics::{evenly, share};
+use crate::raster::{NO_STRAND, StrandView};
+use crate::statistics::{Summary, evenly, share};
 use crate::truth::Truth;
 
 /// Distance \[mm\] and undirected angle \[degrees\] within which points match.
@@ -83,6 +83,11 @@ pub struct StrandScores {
     pub consistency: f64,
     /// Share of a strand's matched points (3 mm, 30°) that one true strand matches, the best one.
     pub consistency_within: f64,
+    /// Voxels of 3 mm that strands pass through, reconstructed against true.
+    pub occupancy: F1,
+    /// Depth of what a view sees first, reconstructed against true strands, at the pixels where it sees both: means over
+    /// views and frames of the median error and of the median difference (positive: ours lies behind) \[mm\].
+    pub surface_mm: (f64, f64),
     /// How much was looked at.
     pub sampling: StrandSampling,
 }
@@ -117,6 +122,8 @@ pub fn evaluate_strands(
         thresholds: thresholds.collect(),
         consistency: mean(&|s| s.consistency.0),
         consistency_within: mean(&|s| s.consistency.1),
+        occupancy: mean_f1(&|s| s.occupancy),
+        surface_mm: (mean(&|s| s.surface_mm.0), mean(&|s| s.surface_mm.1)),
         sampling: *sampling,
     }
 }
@@ -126,6 +133,8 @@ struct FrameScores {
     all: [F1; 3],
     visible: [F1; 3],
     consistency: (f64, f64),
+    occupancy: F1,
+    surface_mm: (f64, f64),
 }
 
 fn frame(
@@ -144,9 +153,11 @@ fn frame(
         out
     };
     let (found_queries, true_queries) = (samples(&found, sampling.query_mm), samples(&true_strands, sampling.query_mm));
+    let (found_targets, true_targets) =
+        (samples(&found, sampling.target_mm), samples(&true_strands, sampling.target_mm));
+    let occupancy = occupancy(&found_targets, &true_targets);
     let cell = THRESHOLDS[2].0;
-    let found_index = SampleIndex::new(&samples(&found, sampling.target_mm), cell);
-    let true_index = SampleIndex::new(&samples(&true_strands, sampling.target_mm), cell);
+    let (found_index, true_index) = (SampleIndex::new(&found_targets, cell), SampleIndex::new(&true_targets, cell));
 
     // Which thresholds each point meets, and whether two views see it.
     let head = truth.head_at(truth.frames[u]);
@@ -156,6 +167,8 @@ fn frame(
         let views = rig.cameras.iter().zip(&views);
         views.filter(|(camera, view)| view.sees(camera, point, sampling.visible_mm)).count() >= 2
     };
+    let found_views: Vec<StrandView> =
+        rig.cameras.par_iter().map(|camera| StrandView::draw(camera, found.iter().copied(), &head)).collect();
     let judge = |queries: &[StrandSample], index: &SampleIndex| -> Vec<([bool; 3], bool)> {
         queries.par_iter().map(|q| (matched(q, index), seen(q.position))).collect()
     };
@@ -175,7 +188,41 @@ fn frame(
         all: f1(false),
         visible: f1(true),
         consistency: consistency(&found_queries, &true_index, sampling.consistency_strands),
+        occupancy,
+        surface_mm: surface(&found_views, &views),
     }
+}
+
+/// Edge of the voxels of the occupancy \[mm\].
+const OCCUPANCY_MM: f32 = 3.0;
+
+/// Voxels that samples fall into, against those of true ones.
+fn occupancy(found: &[StrandSample], truth: &[StrandSample]) -> F1 {
+    let voxels = |samples: &[StrandSample]| -> Vec<[i32; 3]> {
+        let mut all: Vec<[i32; 3]> =
+            samples.par_iter().map(|s| (s.position / OCCUPANCY_MM).floor().as_ivec3().to_array()).collect();
+        all.par_sort_unstable();
+        all.dedup();
+        all
+    };
+    let (found, truth) = (voxels(found), voxels(truth));
+    let both = found.iter().filter(|voxel| truth.binary_search(voxel).is_ok()).count();
+    F1::new(share(both, found.len()), share(both, truth.len()))
+}
+
+/// Median error and median difference of the depth at which views see strands first \[mm\], means over the views.
+fn surface(found: &[StrandView], truth: &[StrandView]) -> (f64, f64) {
+    let view = |(found, truth): (&StrandView, &StrandView)| {
+        let strands = found.strand.data.iter().zip(&truth.strand.data);
+        let pixels = strands.zip(found.depth.data.iter().zip(&truth.depth.data));
+        let seen = pixels.filter(|((a, b), _)| **a != NO_STRAND && **b != NO_STRAND);
+        let off: Vec<f64> = seen.map(|(_, (ours, true_depth))| f64::from(ours - true_depth)).collect();
+        let error = Summary::of(off.iter().map(|d| d.abs()));
+        (error.count > 0).then(|| (error.median, Summary::of(off).median))
+    };
+    let views: Vec<(f64, f64)> = found.iter().zip(truth).filter_map(view).collect();
+    let mean = |of: fn(&(f64, f64)) -> f64| views.iter().map(of).sum::<f64>() / views.len().max(1) as f64;
+    (mean(|v| v.0), mean(|v| v.1))
 }
 
 /// Which of the thresholds are met by some point of the other set.

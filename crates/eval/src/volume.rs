@@ -1,12 +1,13 @@
 //! Scores in space: the hull, and the lines lifted into it.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use strandflow_core::{Grid, Mask, Occupancy, Rig, SparseVoxels};
-use strandflow_geometry::project::project;
+use strandflow_core::{Camera, Grid, Mask, Occupancy, Rig, SparseVoxels};
+use strandflow_geometry::project::{project, ray};
 
 use crate::index::{SampleIndex, sample_polyline, undirected_cosine};
+use crate::raster::{NO_STRAND, StrandView};
 use crate::statistics::{Summary, root_mean_square, share};
 use crate::truth::Truth;
 
@@ -116,6 +117,40 @@ pub fn evaluate_lines(grid: &Grid, indices: &[u32], directions: &[Vec3], truth: 
         on_hair: share(angles.len(), indices.len()),
         degrees: Summary::of(angles),
     }
+}
+
+/// How deep a volume lies behind what views truly see first of the hair.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SurfaceScores {
+    /// Distance along the viewing ray between the volume's first voxel and the nearest true strand \[mm\], over all views.
+    pub error_mm: Summary,
+    /// Median of volume − truth \[mm\]; negative: the volume is too large.
+    pub behind_mm: f64,
+}
+
+/// Rays are followed this far to either side of the truth \[mm\]; a volume that is missed there is that far off.
+const SURFACE_REACH_MM: f64 = 40.0;
+
+/// Scores the surface of a volume, given by its voxels, against the nearest true strand at every second pixel and row.
+pub fn evaluate_surface(volume: &Occupancy, rig: &Rig, truth: &[StrandView]) -> SurfaceScores {
+    let off = |camera: &Camera, view: &StrandView, (x, y): (usize, usize)| -> Option<f64> {
+        let truth = f64::from(view.depth[(x, y)]);
+        (view.strand[(x, y)] != NO_STRAND).then_some(())?;
+        let ray = ray(camera, DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
+        // Depths count along the optical axis.
+        let per_depth = 1.0 / camera.camera_from_world.rotation.row(2).dot(ray.direction);
+        let steps = (-2.0 * SURFACE_REACH_MM) as i32..=(2.0 * SURFACE_REACH_MM) as i32;
+        let mut places = steps.map(|k| 0.5 * f64::from(k));
+        let inside = |place: &f64| volume.contains(ray.origin + ray.direction * (truth + place) * per_depth);
+        Some(places.find(inside).unwrap_or(SURFACE_REACH_MM))
+    };
+    let views = rig.cameras.par_iter().zip(truth).map(|(camera, view)| -> Vec<f64> {
+        let pixels = (0..camera.height).step_by(2).flat_map(|y| (0..camera.width).step_by(2).map(move |x| (x, y)));
+        pixels.filter_map(|pixel| off(camera, view, pixel)).collect()
+    });
+    let off: Vec<f64> = views.flatten_iter().collect();
+    let behind_mm = Summary::of(off.iter().copied()).median;
+    SurfaceScores { error_mm: Summary::of(off.into_iter().map(f64::abs)), behind_mm }
 }
 
 /// How well the measured motion between two frames is that of the hair.
