@@ -17,7 +17,7 @@ DOG = (0.4, 10.0)
 # those of Chai et al. 2012), and the best of a grid, scored on the truth of these captures.
 PUBLISHED = (1.8, 2.4, 1 / 0.23)
 TUNED = (5.0, 16.0, 7.0)
-# Sigma of the averaging [px]: a usual one, and the best of 2, 3, 4, 6, 8, 10, 12, 16, 20, scored likewise.
+# Sigma of the averaging [px]: a usual one, and the best of 6, 8, 10, 12, 16, scored likewise.
 USUAL_PX, BEST_PX = 4.0, 16.0
 
 

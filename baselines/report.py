@@ -10,7 +10,7 @@ import common
 import flow
 import orientation
 
-COLOURS = ["#d1495b", "#8c8c8c", "#4c78a8", "#b5b5b5", "#2f5d8a"]
+COLOURS = ["#d1495b", "#4c78a8", "#4c78a8", "#4f9d69", "#4f9d69"]
 WIDTH, HEIGHT, LEFT, TOP, MOST = 330, 240, 46, 34, 50.0
 
 
