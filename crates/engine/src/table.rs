@@ -108,7 +108,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "scalp",
         summary: "the scalp and its roots",
-        version: 1,
+        version: 2,
         has_modes: false,
         settings: settings_of!(scalp),
         phases: &[phase!("scalp/scalp", Take, Lead, rooms::scalp)],

@@ -17,7 +17,7 @@ use crate::{Mode, SettingViolation, StageError};
 mod exposure;
 mod focus;
 
-/// Share of the hair that may be overexposed without a word: 1.1 % at most in 420 views and frames of two rendered
+/// Share of the hair that may be overexposed without a word: 1.1 % at most in 56 views and frames of two rendered
 /// captures, whose hair shines. Lower, and every good highlight is a finding.
 const OVEREXPOSED: f32 = 0.03;
 

@@ -3,7 +3,7 @@
 use strandflow_core::{Mask, Plane, RgbImage};
 use strandflow_image::{colour::luma_of, filter::gaussian, morph::eroded};
 
-/// Sharpness below which the hair counts as blurred. In 420 views and frames of two rendered captures it is 0.67 or more;
+/// Sharpness below which the hair counts as blurred. In 28 views and frames of two rendered captures it is 0.67 to 1.10;
 /// those blurred by 1, 1.5 and 2 px have 0.26–0.38, 0.15–0.20 and 0.10–0.13. Higher, and lenses of middling quality are
 /// blamed; lower, and views whose finest texture is gone pass for sharp.
 pub const SHARP: f32 = 0.22;
