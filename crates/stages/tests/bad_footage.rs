@@ -119,9 +119,9 @@ fn overexposed_hair_is_named_and_has_no_confidence() {
 
 /// A subject (dark, textured) before a plate: what `masks` makes of it with a key hair mask.
 fn masked(subject: impl Fn(usize, usize) -> bool, hair: impl Fn(usize, usize) -> bool) -> (Masks, Report) {
-    let wall = |x, y, seed| [0, 1, 2].map(|c| (150.0 + 2.0 * noise(x, y, seed + c)).round() as u8);
+    let wall = |x, y, seed: u64| [0, 1, 2].map(|c| (150.0 + 2.0 * noise(x, y, seed + c)).round() as u8);
     let plate = Plane::from_fn(SIZE.0, SIZE.1, |x, y| wall(x, y, 1));
-    let dark = |x: usize, y: usize| [0, 1, 2].map(|c| (60.0 + 9.0 * noise(x, 0, c)).round() as u8);
+    let dark = |x: usize, _: usize| [0, 1, 2].map(|c| (60.0 + 9.0 * noise(x, 0, c)).round() as u8);
     let image = Plane::from_fn(SIZE.0, SIZE.1, |x, y| if subject(x, y) { dark(x, y) } else { wall(x, y, 50) });
     let key = Plane::from_fn(SIZE.0, SIZE.1, |x, y| if hair(x, y) { 255u8 } else { 0 });
     let input = MasksInput {
