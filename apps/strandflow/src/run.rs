@@ -78,8 +78,9 @@ fn table(summary: &Summary) -> String {
         );
     }
     text += &format!("{:<18}{:>9.1}\n", "all", summary.phases.iter().map(|p| p.secs).sum::<f64>());
-    for PhaseSummary { phase, findings, first_findings, .. } in summary.phases.iter().filter(|p| p.findings > 0) {
-        text += &format!("{phase}: {findings} findings (all are in run.log)\n");
+    for p in summary.phases.iter().filter(|p| p.findings > 0) {
+        let PhaseSummary { phase, findings, finding_kinds, first_findings, .. } = p;
+        text += &format!("{phase}: {findings} findings of {finding_kinds} kinds (all are in run.log)\n");
         first_findings.iter().for_each(|finding| text += &format!("  {finding}\n"));
     }
     text

@@ -9,6 +9,7 @@
 pub mod disk;
 pub mod error;
 pub mod events;
+mod finding_kinds;
 pub mod footage;
 pub mod item;
 pub mod manifest;

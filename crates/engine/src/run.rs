@@ -15,6 +15,7 @@ use strandflow_core::{Place, Report};
 use crate::{
     EngineError, Plan, Take,
     events::{Event, Outcome},
+    finding_kinds::FindingKinds,
     item::Item,
     memory,
     status::status_before,
@@ -68,14 +69,16 @@ pub struct PhaseSummary {
     pub blocked: usize,
     /// Number of findings.
     pub findings: usize,
-    /// The first findings, in words, by item.
+    /// Kinds of findings: those of one view with the same consequence are one.
+    pub finding_kinds: usize,
+    /// The first of the first kinds, in words, by view.
     pub first_findings: Vec<String>,
     /// The failures, by item.
     pub failures: Vec<(String, Failure)>,
 }
 
-/// Findings kept in words per phase.
-const FINDINGS_SHOWN: usize = 3;
+/// Kinds of findings kept in words per phase: one for each of seven views, and one more.
+const FINDINGS_SHOWN: usize = 8;
 
 impl Summary {
     /// Items that failed.
@@ -141,6 +144,13 @@ pub fn run(
     Ok(summary)
 }
 
+/// What a phase's items came to, while they run.
+#[derive(Default)]
+struct Found {
+    summary: PhaseSummary,
+    kinds: FindingKinds,
+}
+
 struct Runner<'a> {
     job: Job<'a>,
     pool: rayon::ThreadPool,
@@ -164,20 +174,21 @@ impl Runner<'_> {
         let blocked_whole = chains.is_empty();
         let items = chains.iter().map(Vec::len).sum();
         (self.audience)(&Event::PhaseStarted { phase: phase.name, summary: stage.summary, items });
-        let found = Mutex::new(PhaseSummary { phase: phase.name, ..PhaseSummary::default() });
+        let found = Mutex::new(Found::default());
         self.work(stage, phase, &chains, &found);
-        let mut summary = found.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let Found { mut summary, kinds } = found.into_inner().unwrap_or_else(PoisonError::into_inner);
+        summary.phase = phase.name;
+        (summary.finding_kinds, summary.first_findings) = (kinds.count(), kinds.in_words(FINDINGS_SHOWN));
         summary.blocked += usize::from(blocked_whole);
         (summary.secs, summary.peak_mb) = (start.elapsed().as_secs_f64(), memory::peak_mb());
         summary.failures.sort_by(|a, b| a.0.cmp(&b.0));
-        summary.first_findings.sort();
         let (secs, peak_mb) = (summary.secs, summary.peak_mb);
         (self.audience)(&Event::PhaseFinished { phase: phase.name, secs, peak_mb });
         Ok(summary)
     }
 
     /// As many workers as threads take chains in order; the stages' own parallel loops run in the pool.
-    fn work(&self, stage: &Stage, phase: &'static Phase, chains: &[Vec<Item>], found: &Mutex<PhaseSummary>) {
+    fn work(&self, stage: &Stage, phase: &'static Phase, chains: &[Vec<Item>], found: &Mutex<Found>) {
         let next = AtomicUsize::new(0);
         std::thread::scope(|scope| {
             for _ in 0..self.options.threads.clamp(1, chains.len().max(1)) {
@@ -195,7 +206,7 @@ impl Runner<'_> {
         });
     }
 
-    fn item(&self, stage: &Stage, phase: &'static Phase, item: Item, found: &Mutex<PhaseSummary>) {
+    fn item(&self, stage: &Stage, phase: &'static Phase, item: Item, found: &Mutex<Found>) {
         let start = Instant::now();
         let key = item.key(phase.name);
         let (outcome, findings, failure) = self.settle(stage, phase, item, &key);
@@ -203,6 +214,8 @@ impl Runner<'_> {
         let place = self.place(item);
         {
             let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
+            findings.iter().for_each(|finding| found.kinds.add(finding));
+            let found = &mut found.summary;
             match outcome {
                 Outcome::Done => found.done += 1,
                 Outcome::Fresh => found.fresh += 1,
@@ -210,9 +223,6 @@ impl Runner<'_> {
                 Outcome::Blocked => found.blocked += 1,
             }
             found.findings += findings.len();
-            found.first_findings.extend(findings.iter().map(ToString::to_string));
-            found.first_findings.sort();
-            found.first_findings.truncate(FINDINGS_SHOWN);
             if let (Outcome::Failed, Some(failure)) = (outcome, &failure) {
                 found.failures.push((key.clone(), failure.clone()));
             }

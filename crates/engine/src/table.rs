@@ -84,7 +84,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "masks",
         summary: "subject and hair masks",
-        version: 5,
+        version: 6,
         has_modes: true,
         settings: settings_of!(masks),
         phases: &[phase!("masks/masks", ViewFrameChained, Lead, rooms::masks)],
@@ -92,7 +92,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "hull",
         summary: "the take's grid and visual hulls",
-        version: 1,
+        version: 2,
         has_modes: false,
         settings: settings_of!(hull),
         phases: &[phase!("hull/grid", Take, Lead, rooms::hull::grid), phase!("hull/hull", Frame, Lead, rooms::hull)],
@@ -108,7 +108,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "scalp",
         summary: "the scalp and its roots",
-        version: 1,
+        version: 2,
         has_modes: false,
         settings: settings_of!(scalp),
         phases: &[phase!("scalp/scalp", Take, Lead, rooms::scalp)],
@@ -116,7 +116,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "orient",
         summary: "orientation of every hair pixel",
-        version: 3,
+        version: 4,
         has_modes: true,
         settings: settings_of!(orient),
         phases: &[phase!("orient/orient", ViewFrame, Frames, rooms::orient)],
@@ -132,7 +132,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "field",
         summary: "the dense line field",
-        version: 1,
+        version: 2,
         has_modes: true,
         settings: settings_of!(field),
         phases: &[

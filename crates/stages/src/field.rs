@@ -21,7 +21,7 @@ use strandflow_volume::{
     visibility::{DepthMap, surface_voxels},
 };
 
-use crate::{Mode, SettingViolation, StageError, lift::Line};
+use crate::{Mode, SettingViolation, StageError, hull::bodies, lift::Line};
 
 pub mod motion;
 
@@ -137,6 +137,7 @@ pub fn field(
     let grid = input.hull.grid;
     let head = Head::new(input);
     let indices = hair_volume(input, &head, mode, settings);
+    say_blind_views(input, report);
     if indices.is_empty() {
         return Err(StageError::Input {
             place: Place::frame(input.frame),
@@ -210,7 +211,9 @@ impl Head {
 fn hair_volume(input: &FieldInput, head: &Head, mode: Mode, settings: &FieldSettings) -> Vec<u32> {
     let grid = input.hull.grid;
     let layers = if mode == Mode::Robust { settings.shell_voxels } else { 0 };
-    let hull: Vec<u32> = without_layers(input.hull, layers).indices().map(|index| index as u32).collect();
+    let mut rest = without_layers(input.hull, layers);
+    others(input.hull, head).into_iter().for_each(|voxel| rest.set(voxel, false));
+    let hull: Vec<u32> = rest.indices().map(|index| index as u32).collect();
     let distances: Vec<f32> =
         hull.par_iter().map(|&voxel| head.signed_distance(grid.centre_of_index(voxel as usize)) as f32).collect();
     let inside_head: Vec<u32> = hull.iter().zip(&distances).filter(|&(_, &d)| d < 0.0).map(|(&v, _)| v).collect();
@@ -218,6 +221,7 @@ fn hair_volume(input: &FieldInput, head: &Head, mode: Mode, settings: &FieldSett
     let outside = surface_voxels(input.hull);
     let windows: Vec<BareView> = (0..input.rig.view_count())
         .into_par_iter()
+        .filter(|&view| sees_hair(input.hairs[view]))
         .map(|view| BareView::new(&input.rig.cameras[view], input.hairs[view], &grid, [&outside, &skin], settings))
         .collect();
     let below = -grid.voxel_mm as f32;
@@ -230,6 +234,35 @@ fn hair_volume(input: &FieldInput, head: &Head, mode: Mode, settings: &FieldSett
         })
         .map(|(&voxel, _)| voxel)
         .collect()
+}
+
+/// Whether a view shows hair anywhere. One that shows none says nothing of where hair is: its mask may be lost, and a
+/// view that is blind to all hair would empty the whole volume before it.
+fn sees_hair(hair: &Mask) -> bool {
+    hair.data.iter().any(|&coverage| coverage >= 128)
+}
+
+fn say_blind_views(input: &FieldInput, report: &mut Report) {
+    for (camera, _) in input.rig.cameras.iter().zip(input.hairs).filter(|(_, hair)| !sees_hair(hair)) {
+        let place = Place::view_frame(&camera.name, input.frame);
+        report.warn(place, "the hair mask is empty", "the view does not bound the hair volume");
+    }
+}
+
+/// The voxels of the hull's other bodies where one of them holds the head: other people have no place in the volume.
+fn others(hull: &Occupancy, head: &Head) -> Vec<usize> {
+    let bodies = bodies(hull);
+    if bodies.len() < 2 {
+        return Vec::new();
+    }
+    let of_head = |body: &Vec<usize>| {
+        let inside = |&&voxel: &&usize| head.signed_distance(hull.grid.centre_of_index(voxel)) < 0.0;
+        body.iter().filter(inside).count()
+    };
+    let inside: Vec<usize> = bodies.iter().map(of_head).collect();
+    let holder = (0..bodies.len()).max_by_key(|&body| inside[body]).filter(|&body| inside[body] > 0);
+    let Some(holder) = holder else { return Vec::new() };
+    bodies.into_iter().enumerate().filter(|(body, _)| *body != holder).flat_map(|(_, voxels)| voxels).collect()
 }
 
 /// The hull without its outermost layers of voxels.

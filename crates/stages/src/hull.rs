@@ -4,6 +4,7 @@ use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Grid, Mask, Occupancy, Place, Report, Rig};
 use strandflow_volume::carve::{CarvingView, carve, carve_touching, largest_component, occupied_box};
+use strandflow_volume::parts::parts;
 use strandflow_volume::silhouette::Silhouette;
 
 use crate::{SettingViolation, StageError};
@@ -127,7 +128,27 @@ pub fn hull(
     if occupancy.words.iter().all(|&word| word == 0) {
         return Err(empty_hull(rig, subjects, grid, place, settings));
     }
+    let bodies = bodies(&occupancy);
+    if bodies.len() > 1 {
+        let litres = |body: &Vec<usize>| format!("{:.2}", body.len() as f64 * grid.voxel_mm.powi(3) / 1e6);
+        let sizes: Vec<String> = bodies.iter().map(litres).collect();
+        let fact = format!("the hull falls into bodies of {} litres", sizes.join(" and "));
+        report.warn(place, fact, "another person or thing is in view; hair is sought in the body that holds the head");
+    }
     Ok(occupancy)
+}
+
+/// Width of a gap between bodies \[mm\]: under it hair that hangs clear of the rest would count as a body.
+const GAP_MM: f64 = 8.0;
+/// Size of a body against the largest; smaller ones are locks of hair and corners where few views look.
+const BODY: f64 = 0.1;
+
+/// The large separate parts of a hull, the largest first; one where one person is in view.
+pub(crate) fn bodies(hull: &Occupancy) -> Vec<Vec<usize>> {
+    let mut bodies = parts(hull, (GAP_MM / hull.grid.voxel_mm).round() as usize);
+    let largest = bodies.first().map_or(0, Vec::len);
+    bodies.retain(|body| body.len() as f64 >= BODY * largest as f64);
+    bodies
 }
 
 fn least_views(rig: &Rig, settings: &HullSettings) -> usize {

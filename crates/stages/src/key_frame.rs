@@ -4,13 +4,12 @@ use strandflow_core::{Mask, Place, Plane, RgbImage};
 use strandflow_image::{
     boost::{BoostOptions, Boosted},
     filter::gaussian,
-    matte::from_plate,
     region::Region,
 };
 
 use crate::{
     StageError,
-    masks::{MasksSettings, matte_options},
+    masks::{MasksSettings, subject_of_key},
 };
 
 /// What a view shows on a key frame.
@@ -43,7 +42,7 @@ impl KeyView<'_> {
     }
 
     pub(crate) fn matte(&self, settings: &MasksSettings) -> Mask {
-        self.subject.map_or_else(|| from_plate(self.image, self.plate, &matte_options(settings)), Mask::clone)
+        self.subject.map_or_else(|| subject_of_key(self.image, self.plate, self.hair, settings), Mask::clone)
     }
 }
 

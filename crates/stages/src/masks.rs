@@ -11,6 +11,9 @@ use strandflow_image::{
 
 use crate::{Mode, SettingViolation, StageError, hair_edge::HairEdge, hair_look::HairLook};
 
+mod framing;
+mod people;
+
 /// What one view and frame needs.
 pub struct MasksInput<'a> {
     /// Where, for messages.
@@ -104,7 +107,8 @@ impl MasksSettings {
     }
 }
 
-/// The masks of one view and frame.
+/// The masks of one view and frame. Another person, apart from the one with the hair, is left out; that, and hair that the
+/// image cuts off, is in the report.
 pub fn masks(
     input: &MasksInput,
     mode: Mode,
@@ -130,16 +134,28 @@ pub fn masks(
         report.warn(input.place.clone(), "no hair mask at or before this frame", "hair mask is empty");
         return Ok(Masks { subject: matte, hair: empty(input.image) });
     };
+    let matte = match input.given_subject {
+        Some(_) => matte,
+        None => people::the_one_with_hair(matte, &expected, settings.border_px, &input.place, report),
+    };
     let subject = edge.map_or_else(|| matte.clone(), |edge| edge.thinned(input.image, input.plate, &matte));
     let hair = match (input.given_hair, look) {
         (Some(given), _) => given.clone(),
         (None, Some(look)) => decided_hair(input, (&matte, &subject), &expected, look, settings),
         (None, None) => within(&expected, &subject),
     };
+    framing::say_where_cut(&hair, &input.place, report);
     Ok(Masks { subject, hair })
 }
 
-pub(crate) fn matte_options(settings: &MasksSettings) -> MatteOptions {
+/// The subject of a key frame: what differs from the plate, without another person.
+pub(crate) fn subject_of_key(image: &RgbImage, plate: &RgbImage, hair: &Mask, settings: &MasksSettings) -> Mask {
+    let matte = from_plate(image, plate, &matte_options(settings));
+    // The key frame's own item reports what is left out.
+    people::the_one_with_hair(matte, hair, settings.border_px, &Place::default(), &mut Report::default())
+}
+
+fn matte_options(settings: &MasksSettings) -> MatteOptions {
     MatteOptions {
         threshold: settings.threshold,
         speck_area: settings.speck_area_px,

@@ -41,9 +41,18 @@ pub fn carve_touching(views: &[CarvingView], grid: &Grid, least_views: usize) ->
 
 /// The largest set of occupied voxels that touch by a face, an edge or a corner (the first in linear order of equals).
 pub fn largest_component(occupancy: &Occupancy) -> Occupancy {
+    let mut out = Occupancy::empty(occupancy.grid);
+    let components = components(occupancy);
+    let largest = components.iter().rev().max_by_key(|members| members.len());
+    largest.into_iter().flatten().for_each(|&index| out.set(index, true));
+    out
+}
+
+/// The sets of occupied voxels that touch by a face, an edge or a corner, by their first voxels in linear order.
+pub(crate) fn components(occupancy: &Occupancy) -> Vec<Vec<usize>> {
     let grid = occupancy.grid;
     let mut left = occupancy.clone();
-    let mut largest: Vec<usize> = Vec::new();
+    let mut found = Vec::new();
     for seed in occupancy.indices() {
         if !left.get(seed) {
             continue;
@@ -64,13 +73,9 @@ pub fn largest_component(occupancy: &Occupancy) -> Occupancy {
                 }
             }
         }
-        if members.len() > largest.len() {
-            largest = members;
-        }
+        found.push(members);
     }
-    let mut out = Occupancy::empty(grid);
-    largest.into_iter().for_each(|index| out.set(index, true));
-    out
+    found
 }
 
 /// The half-open box of voxels that holds all occupied voxels; `None` where none is.

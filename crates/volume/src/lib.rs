@@ -2,6 +2,7 @@
 
 pub mod carve;
 pub mod diffuse;
+pub mod parts;
 pub mod silhouette;
 pub mod tensor;
 pub mod velocity;

@@ -27,10 +27,13 @@ pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), Engi
     needs.item(&Item::Frame(before).key("grow/grow"), &["grow/points", "grow/provenance"])
 }
 
-/// The frame whose strands are followed: none in the first frame, nor where every frame grows by itself.
+/// The frame whose strands are followed: none in the first frame, nor where every frame grows by itself, nor after a frame
+/// that could not be grown: one bad frame must not cost all after it. The frame before settles first, and what an item
+/// rests on tells the two cases apart, so a frame put right is followed again.
 fn before(job: &Job, frame: usize) -> Option<usize> {
     let follows = job.plan.mode == Mode::Robust && job.plan.settings.grow.follow > 0.0;
-    (follows && frame > job.plan.frames.start).then(|| frame - 1)
+    let before = (follows && frame > job.plan.frames.start).then(|| frame - 1)?;
+    job.take.store().record(&Item::Frame(before).key("grow/grow")).map(|_| before)
 }
 
 pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {

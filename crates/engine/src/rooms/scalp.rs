@@ -32,7 +32,8 @@ pub(crate) fn needs(job: &Job, _: Item, needs: &mut Needs) -> Result<(), EngineE
     Ok(())
 }
 
-/// Frames of the slow start: from the first on as long as the head stays where it was.
+/// Frames of the slow start: from the first on as long as the head stays where it was, without those that have no hull.
+/// A frame put right joins them: what the scalp rests on has changed then.
 fn still_frames(job: &Job) -> Result<Vec<usize>, EngineError> {
     let poses = job.take.read_poses()?;
     let markers: Vec<DVec3> = poses.markers.first().into_iter().flatten().flatten().copied().collect();
@@ -43,9 +44,11 @@ fn still_frames(job: &Job) -> Result<Vec<usize>, EngineError> {
         .take_while(|pose| pose.angle() < STILL_RAD && pose.point(centre).distance(centre) < STILL_MM)
         .count()
         .max(1);
-    let used = still.min(STILL_FRAMES);
-    let spread = |i: usize| if used == 1 { 0 } else { i * (still - 1) / (used - 1) };
-    Ok((0..used).map(|i| job.plan.lead.start + spread(i)).collect())
+    let has_hull = |&frame: &usize| job.take.store().record(&Item::Frame(frame).key("hull/hull")).is_some();
+    let still: Vec<usize> = (0..still).map(|i| job.plan.lead.start + i).filter(has_hull).collect();
+    let used = still.len().min(STILL_FRAMES);
+    let spread = |i: usize| if used == 1 { 0 } else { i * (still.len() - 1) / (used - 1) };
+    Ok((0..used).map(|i| still[spread(i)]).collect())
 }
 
 /// One still frame, loaded.

@@ -6,6 +6,7 @@ use strandflow_geometry::project::{Ray, project, ray};
 use strandflow_geometry::signed_distance::SignedDistance;
 
 use super::ScalpInput;
+use crate::hull::bodies;
 
 /// Edge of the voxels of the tight hull in head space \[mm\].
 const VOXEL_MM: f64 = 3.0;
@@ -30,7 +31,7 @@ pub struct Evidence {
 
 /// Gathers the evidence; `None` where the hulls of the slow start share no volume.
 pub fn gather(input: &ScalpInput) -> Option<Evidence> {
-    let hull = tight_hull(input)?;
+    let hull = body_with_markers(tight_hull(input)?, input.markers);
     let up = (-input.gravity).try_normalize().unwrap_or(DVec3::Z);
     let top = top_of(&hull, up)?;
     let middle = middle_below(&hull, up, top)?;
@@ -53,6 +54,23 @@ fn tight_hull(input: &ScalpInput) -> Option<Occupancy> {
         }
     }
     (hull.count() > 0).then_some(hull)
+}
+
+/// The hull without other people: of several bodies the one that lies nearest to the markers.
+fn body_with_markers(hull: Occupancy, markers: &[DVec3]) -> Occupancy {
+    let bodies = bodies(&hull);
+    if bodies.len() < 2 || markers.is_empty() {
+        return hull;
+    }
+    let middle = markers.iter().sum::<DVec3>() / markers.len() as f64;
+    let distance = |body: &Vec<usize>| {
+        let squares = body.iter().map(|&voxel| hull.grid.centre_of_index(voxel).distance_squared(middle));
+        squares.fold(f64::INFINITY, f64::min)
+    };
+    let nearest = bodies.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    let mut kept = Occupancy::empty(hull.grid);
+    nearest.into_iter().flatten().for_each(|&voxel| kept.set(voxel, true));
+    kept
 }
 
 /// Height of the uppermost level at which the hull covers the area of a palm's width, above which only markers rise.
