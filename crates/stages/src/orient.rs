@@ -53,13 +53,13 @@ pub struct OrientSettings {
 impl Default for OrientSettings {
     fn default() -> Self {
         Self {
-            wavelengths_px: vec![4.5, 6.5],
+            wavelengths_px: vec![4.5, 6.5, 9.5],
             orientations: 12,
             highpass_px: 6.0,
             noise_codes: 4.0,
             pool_px: 5.0,
             pool_along_px: 10.0,
-            support_px: 20.0,
+            support_px: 12.0,
         }
     }
 }
