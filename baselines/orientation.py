@@ -45,7 +45,7 @@ def gabor(image, parameters):
 
 
 def structure_tensor(image, sigma):
-    """Angle across the mean gradient, and coherence. Smoothing before the gradient makes it worse here."""
+    """Angle across the mean gradient, and coherence."""
     gx, gy = cv2.Sobel(image, cv2.CV_32F, 1, 0), cv2.Sobel(image, cv2.CV_32F, 0, 1)
     xx, xy, yy = (cv2.GaussianBlur(p, (0, 0), sigma) for p in (gx * gx, gx * gy, gy * gy))
     angle = (0.5 * np.arctan2(2 * xy, xx - yy) + np.pi / 2) % np.pi

@@ -104,14 +104,15 @@ impl Scores {
         if frames.is_empty() {
             return None;
         }
-        let names: Vec<String> = (1..=10).map(|k| k.to_string()).collect();
-        let mut table = Table::new(
-            &[&["orient, by tenths of confidence"][..], &names.iter().map(String::as_str).collect::<Vec<_>>()].concat(),
-        );
-        let of =
-            |which: fn(&(f64, f64)) -> f64, k: usize| mean(&frames.iter().map(|f| which(&f[k])).collect::<Vec<_>>());
-        table.row("mean confidence", (0..10).map(|k| format!("{:.2}", of(|p| p.0, k))));
-        table.row("mean error, degrees", (0..10).map(|k| format!("{:.1}", of(|p| p.1, k))));
+        let mut table =
+            Table::new(&["orient, by tenths of confidence", "1", "2", "3", "4", "5", "6", "7", "8", "9", "10"]);
+        let of = |which: fn(&(f64, f64)) -> f64| {
+            (0..10)
+                .map(|k| mean(&frames.iter().map(|tenths| which(&tenths[k])).collect::<Vec<_>>()))
+                .collect::<Vec<_>>()
+        };
+        table.numbers("mean confidence", 2, of(|p| p.0));
+        table.numbers("mean error, degrees", 1, of(|p| p.1));
         Some(table)
     }
 

@@ -226,6 +226,34 @@ mod tests {
     }
 
     #[test]
+    fn a_slab_before_the_hair_has_its_distance_along_the_rays() {
+        // A view along +z from far; hair at a depth of 1000 mm, the slab's face 6 mm before it.
+        let camera = Camera {
+            name: "c".into(),
+            width: 40,
+            height: 40,
+            focal: [1000.0; 2],
+            principal: [20.0; 2],
+            distortion: strandflow_core::Distortion::None,
+            camera_from_world: strandflow_core::RigidTransform::IDENTITY,
+        };
+        let view = StrandView {
+            depth: strandflow_core::Plane::filled(40, 40, 1000.0),
+            angle: strandflow_core::Plane::filled(40, 40, 0.0),
+            strand: strandflow_core::Plane::filled(40, 40, 1),
+        };
+        let grid = Grid { origin: DVec3::new(-40.0, -40.0, 994.0), voxel_mm: 2.0, dims: [40, 40, 20] };
+        let mut slab = Occupancy::empty(grid);
+        (0..grid.len()).for_each(|i| slab.set(i, true));
+        let rig = Rig { cameras: vec![camera] };
+        let scores = evaluate_surface(&slab, &rig, std::slice::from_ref(&view));
+        assert_eq!(scores.error_mm.count, 400);
+        assert!((scores.error_mm.mean - 6.0).abs() < 0.6 && (scores.behind_mm + 6.0).abs() < 0.6, "{scores:?}");
+        let missed = evaluate_surface(&Occupancy::empty(grid), &rig, &[view]);
+        assert_eq!((missed.error_mm.min, missed.behind_mm), (SURFACE_REACH_MM, SURFACE_REACH_MM));
+    }
+
+    #[test]
     fn a_hull_that_misses_a_strand_holds_four_fifths() {
         let grid = Grid { origin: DVec3::ZERO, voxel_mm: 2.0, dims: [40, 40, 40] };
         let mut hull = Occupancy::empty(grid);

@@ -69,8 +69,9 @@ fn the_truth_is_perfect() {
         assert_eq!((threshold.all.f1, threshold.visible.f1), (1.0, 1.0));
     }
     assert_eq!((scores.consistency, scores.consistency_within, scores.strands), (1.0, 1.0, 25.0));
+    assert_eq!((scores.occupancy.f1, scores.surface_mm), (1.0, (0.0, 0.0)));
     let motion = evaluate_dynamics(&same, &truth, &DynamicsSampling::default());
-    assert!(motion.position_mm.max < 1e-3 && motion.velocity_mm_s.max < 0.1);
+    assert!(motion.position_mm.max < 1e-3 && motion.velocity_mm_s.max < 0.1 && motion.velocity_share < 1e-3);
     assert!((motion.jerk_ratio - 1.0).abs() < 1e-3 && (motion.border_ratio - 1.0).abs() < 1e-3);
     assert!(motion.jitter_excess_mm.abs() < 1e-4 && motion.identity_switches == 0.0);
     assert_eq!(motion.strands, (25, 25));
@@ -118,6 +119,27 @@ fn half_of_the_strands_gives_full_precision_and_half_recall() {
     let all = scores.thresholds[1].all;
     assert_eq!(all.precision, 1.0);
     assert!((all.recall - 13.0 / 25.0).abs() < 1e-9 && (all.f1 - 2.0 * 0.52 / 1.52).abs() < 1e-9);
+}
+
+#[test]
+fn strands_behind_the_true_ones_show_as_depth_and_elsewhere_occupy_other_voxels() {
+    let truth = truth();
+    // Away from the first view, which alone looks: along its optical axis.
+    let rig = Rig { cameras: rig().cameras.into_iter().take(1).collect() };
+    let away = rig.cameras[0].camera_from_world.rotation.row(2).as_vec3();
+    let behind = sequence(&truth, |_, _, _| away * 5.0);
+    let (error, median) = evaluate_strands(&behind, &truth, &rig, &StrandSampling::default()).surface_mm;
+    assert!((error - 5.0).abs() < 0.2 && (median - 5.0).abs() < 0.2, "{error} {median}");
+    let aside = sequence(&truth, |_, _, _| Vec3::splat(1000.0));
+    assert_eq!(evaluate_strands(&aside, &truth, &rig, &StrandSampling::default()).occupancy.f1, 0.0);
+}
+
+#[test]
+fn strands_that_stand_still_err_by_all_of_the_speed() {
+    let truth = truth();
+    let still = sequence(&truth, |t, n, p| truth.strand(0, n)[p] - truth.strand(t, n)[p]);
+    let motion = evaluate_dynamics(&still, &truth, &DynamicsSampling::default());
+    assert!((motion.velocity_share - 1.0).abs() < 0.05, "{}", motion.velocity_share);
 }
 
 #[test]

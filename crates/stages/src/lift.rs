@@ -53,8 +53,7 @@ pub struct LiftInput<'a> {
 pub struct LiftSettings {
     /// How far behind the hull's first surface a voxel may lie and still count as seen by a view \[voxels\], paper mode.
     pub surface_voxels: f64,
-    /// The same in robust mode \[mm\]: how deep the hair may lie behind the hull. More finds lines in more of the hair's
-    /// voxels, and worse strands: what lies deeper is seen less surely.
+    /// The same in robust mode \[mm\]: how deep the hair may lie behind the hull.
     pub band_mm: f64,
     /// Orientations below this confidence are ignored.
     pub min_confidence: f32,

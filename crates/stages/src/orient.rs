@@ -17,8 +17,8 @@ use crate::{Mode, SettingViolation, StageError};
 mod exposure;
 mod focus;
 
-/// Share of the hair that may be overexposed without a word: 1.1 % at most in 56 views and frames of two rendered
-/// captures, whose hair shines. Lower, and every good highlight is a finding.
+/// Share of the hair that may be overexposed without a word. Lower, and every good highlight is a finding; higher, and a lamp
+/// that burns out a lock goes unsaid.
 const OVEREXPOSED: f32 = 0.03;
 
 /// Undirected orientation of the strands in one image.
@@ -159,7 +159,8 @@ pub fn orient(
 /// How far the footage of a view can be believed at all.
 struct Trust {
     exposure: exposure::Exposure,
-    sharpness: Option<f32>,
+    /// Sharpness of hair that is blurred.
+    blurred: Option<f32>,
 }
 
 impl Trust {
@@ -172,9 +173,10 @@ impl Trust {
     ) -> Self {
         let waves = settings.wavelengths_px.iter().copied();
         let (short, long) = (waves.clone().fold(f32::INFINITY, f32::min), waves.fold(0.0, f32::max));
+        let sharpness = focus::sharpness(detail, inside, focus::noise_of(image, subject), short);
         Self {
             exposure: exposure::exposure(image, region, inside, 0.5 * long),
-            sharpness: focus::sharpness(detail, inside, focus::noise_of(image, subject), short),
+            blurred: sharpness.filter(|&found| found < focus::SHARP),
         }
     }
 
@@ -183,7 +185,7 @@ impl Trust {
             let fact = format!("{:.0} % of the hair is overexposed", 100.0 * self.exposure.share);
             report.warn(place.clone(), fact, "patches of it have no confidence");
         }
-        if let Some(found) = self.sharpness.filter(|&found| found < focus::SHARP) {
+        if let Some(found) = self.blurred {
             let fact = format!("the hair is blurred (sharpness {found:.2}, {} or more is sharp)", focus::SHARP);
             report.warn(place.clone(), fact, "out of focus or too fast: confidence is lowered over the whole view");
         }
@@ -193,7 +195,7 @@ impl Trust {
         if let Some(trust) = &self.exposure.trust {
             confidence.data.iter_mut().zip(&trust.data).for_each(|(c, t)| *c *= t);
         }
-        if let Some(found) = self.sharpness.filter(|&found| found < focus::SHARP) {
+        if let Some(found) = self.blurred {
             confidence.data.iter_mut().for_each(|c| *c *= found / focus::SHARP);
         }
     }

@@ -1,10 +1,12 @@
 //! Footage that cannot be trusted: the report names view and frame, confidence falls there, nothing is invented.
 #![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
-use glam::{DMat3, DVec3, Vec3};
+mod cameras;
+
+use cameras::camera;
+use glam::{DVec3, Vec3};
 use strandflow_core::{
-    Camera, Distortion, Grid, Mask, Occupancy, Place, Plane, Report, RgbImage, Rig, RigidTransform, SparseVoxels,
-    TriMesh,
+    Camera, Grid, Mask, Occupancy, Place, Plane, Report, RgbImage, Rig, RigidTransform, SparseVoxels, TriMesh,
 };
 use strandflow_geometry::project::ray;
 use strandflow_image::filter::gaussian;
@@ -95,7 +97,6 @@ fn a_view_out_of_focus_is_named_and_believed_less() {
             let (map, report) = oriented(&image, &hair, mode);
             assert_says(&report, &["view cam03, frame 12", "blurred", "confidence is lowered"]);
             let after = mean_confidence(&map, hair_pixels());
-            println!("{mode:?}, blur {blur}: confidence {after:.3} after {before:.3}; {}", said(&report)[0]);
             assert!(after < 0.6 * before, "{mode:?}, blur {blur}: {after} after {before}");
         }
     }
@@ -108,9 +109,7 @@ fn overexposed_hair_is_named_and_has_no_confidence() {
     let image = Plane::from_fn(SIZE.0, SIZE.1, |x, y| if lit(x, y) { [255, 254, 240] } else { plain[(x, y)] });
     let (map, report) = oriented(&image, &hair, Mode::Robust);
     assert_says(&report, &["view cam03, frame 12", "12 % of the hair is overexposed", "no confidence"]);
-    // The corners of the patch fade over the filters' reach.
-    assert!(block(64..96, 44..86).all(|at| map.confidence[at] == 0.0));
-    assert!(block(60..100, 40..90).all(|at| map.confidence[at] < 0.7));
+    assert!(block(60..100, 40..90).all(|at| map.confidence[at] == 0.0));
     assert!(mean_confidence(&map, block(120..160, 40..130)) > 0.3);
     // Glints are strands, not patches: they keep their orientation.
     let glint = |x: usize, y: usize| x % 20 == 3 && y % 8 < 4;
@@ -172,22 +171,8 @@ fn another_person_is_named_and_left_out_of_the_masks() {
 
 /// Five cameras around the origin, z up; `wide` sees 580 mm across, narrow 170 mm.
 fn rig(wide: bool) -> Rig {
-    let camera = |i: usize| {
-        let azimuth = (i as f64 * 45.0).to_radians();
-        let centre = DVec3::new(azimuth.cos(), azimuth.sin(), 0.2 + 0.1 * (i % 2) as f64).normalize() * 900.0;
-        let forward = -centre.normalize();
-        let right = forward.cross(DVec3::Z).normalize();
-        let rotation = DMat3::from_cols(right, forward.cross(right), forward).transpose();
-        Camera {
-            name: format!("cam{i:02}"),
-            width: 240,
-            height: 240,
-            focal: [if wide { 370.0 } else { 1300.0 }; 2],
-            principal: [120.0; 2],
-            distortion: Distortion::None,
-            camera_from_world: RigidTransform { rotation, translation: -(rotation * centre) },
-        }
-    };
+    let focal = if wide { 370.0 } else { 1300.0 };
+    let camera = |i: usize| camera(format!("cam{i:02}"), i as f64 * 45.0, 0.2 + 0.1 * (i % 2) as f64, focal);
     Rig { cameras: (0..5).map(camera).collect() }
 }
 

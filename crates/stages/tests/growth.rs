@@ -1,10 +1,12 @@
 //! Lines, field, strands and outlier tests on a hair of known directions: a ball covered with meridians.
 #![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
+mod cameras;
+
+use cameras::camera;
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use strandflow_core::{
-    Camera, Distortion, Grid, Mask, Occupancy, Plane, Provenance, Report, Rig, RigidTransform, SparseVoxels, Strands,
-    TriMesh,
+    Camera, Grid, Mask, Occupancy, Plane, Provenance, Report, Rig, RigidTransform, SparseVoxels, Strands, TriMesh,
 };
 use strandflow_geometry::project::{project, project_direction, ray};
 use strandflow_stages::{
@@ -24,22 +26,7 @@ const HEAD: f64 = 48.0;
 
 /// Seven cameras on an arc of 200° around a ball at the origin, z up.
 fn rig() -> Rig {
-    let camera = |i: usize| {
-        let azimuth = (i as f64 * 33.0).to_radians();
-        let centre = DVec3::new(azimuth.cos(), azimuth.sin(), 0.3 + 0.1 * (i % 3) as f64).normalize() * 900.0;
-        let forward = -centre.normalize();
-        let right = forward.cross(DVec3::Z).normalize();
-        let rotation = DMat3::from_cols(right, forward.cross(right), forward).transpose();
-        Camera {
-            name: format!("c{i}"),
-            width: 240,
-            height: 240,
-            focal: [1300.0; 2],
-            principal: [120.0; 2],
-            distortion: Distortion::None,
-            camera_from_world: RigidTransform { rotation, translation: -(rotation * centre) },
-        }
-    };
+    let camera = |i: usize| camera(format!("c{i}"), i as f64 * 33.0, 0.3 + 0.1 * (i % 3) as f64, 1300.0);
     Rig { cameras: (0..7).map(camera).collect() }
 }
 

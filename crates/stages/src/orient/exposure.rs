@@ -8,7 +8,8 @@ use strandflow_image::{filter::gaussian_where, region::Region};
 const CLIPPED: u8 = 250;
 /// Local share of clipped pixels up to which nothing is lost: single glints are texture, and the best of it.
 const GLINTS: f32 = 0.15;
-/// Local share from which on nothing is believed: the border of a clipped patch, where its outline is all the filters see.
+/// Local share from which on nothing is believed, be the pixel itself clipped or not: the border of a clipped patch, where its
+/// outline is all the filters see.
 const PATCH: f32 = 0.5;
 
 /// What is overexposed of the hair.
@@ -33,5 +34,11 @@ pub fn exposure(image: &RgbImage, region: Region, inside: &Plane<bool>, reach_px
     }
     let code = |is: &bool| f32::from(u8::from(*is));
     let around = gaussian_where(&clipped.map(code), &inside.map(code), reach_px);
-    Exposure { share, trust: Some(around.map(|&a| 1.0 - ((a - GLINTS) / (PATCH - GLINTS)).clamp(0.0, 1.0))) }
+    let left = |(&around, &clipped): (&f32, &bool)| match around {
+        around if around <= GLINTS => 1.0,
+        _ if clipped => 0.0,
+        around => 1.0 - ((around - GLINTS) / (PATCH - GLINTS)).min(1.0),
+    };
+    let data = around.data.iter().zip(&clipped.data).map(left).collect();
+    Exposure { share, trust: Some(Plane { data, ..around }) }
 }

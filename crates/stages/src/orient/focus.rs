@@ -3,9 +3,8 @@
 use strandflow_core::{Mask, Plane, RgbImage};
 use strandflow_image::{colour::luma_of, filter::gaussian, morph::eroded};
 
-/// Sharpness below which the hair counts as blurred. In 28 views and frames of two rendered captures it is 0.67 to 1.10;
-/// those blurred by 1, 1.5 and 2 px have 0.26–0.38, 0.15–0.20 and 0.10–0.13. Higher, and lenses of middling quality are
-/// blamed; lower, and views whose finest texture is gone pass for sharp.
+/// Sharpness below which the hair counts as blurred. Higher, and lenses of middling quality are blamed: a blur of 0.7 px must
+/// pass; lower, and views whose finest texture is gone pass for sharp: one of 2 px must not (both in `tests/bad_footage.rs`).
 pub const SHARP: f32 = 0.22;
 /// Fewest hair pixels away from the mask's border that can be judged: with fewer the ratio scatters by a fifth.
 const LEAST_PIXELS: usize = 500;
@@ -13,7 +12,7 @@ const LEAST_PIXELS: usize = 500;
 const LEAST_BACKGROUND: usize = 500;
 /// Pixels from the mask's border that are not judged: the border itself is texture there.
 const BORDER_PX: usize = 4;
-/// The wavelength whose texture is left where hair is blurred, per that of sharp hair.
+/// The long wavelength over the short one: a blur that takes the one leaves the other.
 const COARSER: f32 = 2.1;
 /// Sigmas of the band of a wavelength: those of the two Gaussians whose difference it is, per pixel of wavelength.
 const BAND: [f32; 2] = [0.159, 0.255];
@@ -48,18 +47,14 @@ fn gain(wavelength: f32) -> f32 {
 /// Reference: Immerkær 1996; the lower quartile instead of the mean, so that half of the background may have texture.
 pub fn noise_of(image: &RgbImage, subject: &Mask) -> f32 {
     let (width, height) = (image.width, image.height);
+    let luma = image.map(|&colour| luma_of(colour));
     let mut found = Vec::new();
     for y in 1..height.saturating_sub(1) {
-        for x in 1..width.saturating_sub(1) {
-            if subject[(x, y)] >= 16 {
-                continue;
-            }
-            let sum = |row: usize, [a, b, c]: [f32; 3]| {
-                let at = |x: usize| luma_of(image[(x, row)]);
-                a * at(x - 1) + b * at(x) + c * at(x + 1)
-            };
-            let outer = sum(y - 1, [1.0, -2.0, 1.0]) + sum(y + 1, [1.0, -2.0, 1.0]);
-            found.push((outer + sum(y, [-2.0, 4.0, -2.0])).abs());
+        let [above, here, below] = [y - 1, y, y + 1].map(|row| luma.row(row));
+        for x in (1..width.saturating_sub(1)).filter(|&x| subject[(x, y)] < 16) {
+            let sum = |row: &[f32], [a, b, c]: [f32; 3]| a * row[x - 1] + b * row[x] + c * row[x + 1];
+            let outer = sum(above, [1.0, -2.0, 1.0]) + sum(below, [1.0, -2.0, 1.0]);
+            found.push((outer + sum(here, [-2.0, 4.0, -2.0])).abs());
         }
     }
     if found.len() < LEAST_BACKGROUND {
