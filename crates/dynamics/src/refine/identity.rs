@@ -7,8 +7,11 @@ use glam::DVec3;
 
 use super::track::median;
 
-/// A jump from one frame to the next beyond this is another hair \[mm, mean over the particles\].
+/// A jump from one frame to the next beyond this is another hair \[mm, mean over the particles\], unless the strand often
+/// goes as far: one that is grown anew in each frame is restless, and no less one hair.
 const JUMP_MM: f64 = 10.0;
+/// How often is often: the share of its ways from frame to frame that are shorter.
+const OFTEN: f64 = 0.8;
 /// Further way allowed a frame, in steps of the strand.
 const STEPS: f64 = 1.5;
 /// Frames over which steps are measured: over one, noise of 3 mm would look like a step of 7 mm.
@@ -46,13 +49,19 @@ struct Strand<'a> {
     n: usize,
     /// The median of its steps \[mm/frame\].
     usual: f64,
+    /// The least way that counts as a jump \[mm\].
+    jump: f64,
 }
 
 impl<'a> Strand<'a> {
     fn new(head: &'a [DVec3], weights: &'a [f64], n: usize) -> Self {
-        let mut strand = Self { head, weights, n, usual: 0.0 };
+        let mut strand = Self { head, weights, n, usual: 0.0, jump: JUMP_MM };
         let mut steps: Vec<f64> = (0..strand.frames()).filter_map(|t| strand.step(t)).collect();
         strand.usual = median(&mut steps).unwrap_or(0.0);
+        let mut ways: Vec<f64> = (1..strand.frames()).filter_map(|t| strand.mean_way(t - 1, t)).collect();
+        ways.sort_by(f64::total_cmp);
+        let often = ways.get((OFTEN * ways.len() as f64) as usize).copied();
+        strand.jump = often.map_or(JUMP_MM, |way| way.max(JUMP_MM));
         strand
     }
 
@@ -92,7 +101,7 @@ impl<'a> Strand<'a> {
         let way = ways.fold(f64::INFINITY, f64::min);
         let around = [a.checked_sub(AROUND).and_then(|t| self.step(t)), self.step(b)];
         let step = around.into_iter().flatten().fold(self.usual, f64::max);
-        way.is_finite() && way > JUMP_MM + STEPS * step * (b - a) as f64
+        way.is_finite() && way > self.jump + STEPS * step * (b - a) as f64
     }
 
     /// The mean way of the particles that both frames have \[mm\].
