@@ -352,10 +352,13 @@ impl Grower<'_> {
         if guide.points.is_empty() { most } else { most.min(guide.points.len() + more) }
     }
 
-    /// The direction from a growing strand to the carried one a little ahead; `None` near and beyond its end.
+    /// The carried strand's direction here, turned so that a growing strand beside it comes back to it within `aim_mm`;
+    /// `None` beyond its end. A chord to a point ahead would cut the corners of curved hair, a little more in every frame.
     fn aim(&self, head: &Head, guide: &Guide) -> Option<Vec3> {
-        let ahead = (head.arc + self.settings.aim_mm as f32) / self.settings.step_mm as f32;
-        (*guide.points.get(ahead.round() as usize)? - head.at).try_normalize()
+        let here = (head.arc / self.settings.step_mm as f32).round() as usize;
+        let (from, to) = (*guide.points.get(here)?, *guide.points.get(here + 1)?);
+        let tangent = (to - from).try_normalize()?;
+        (tangent + (from - head.at) / self.settings.aim_mm as f32).try_normalize()
     }
 
     /// A direction drawn towards the carried strand.

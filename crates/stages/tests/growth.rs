@@ -279,14 +279,12 @@ fn motion_across_the_strands_is_seen_and_fills_the_volume() {
     let (maps, hairs) = (scene.maps.iter().collect::<Vec<_>>(), scene.hairs.iter().collect::<Vec<_>>());
     let input = MotionInput {
         rig: &scene.rig,
-        hull: &scene.hull,
-        lines: &lines,
         field: &field,
         maps: &maps,
         images: &now.iter().collect::<Vec<_>>(),
         images_before: &before.iter().collect::<Vec<_>>(),
-        subjects: &hairs,
-        subjects_before: &hairs,
+        hairs: &hairs,
+        hairs_before: &hairs,
         roots: &[],
         world_from_head: RigidTransform::IDENTITY,
         world_from_head_before: RigidTransform::IDENTITY,

@@ -51,7 +51,7 @@ pub mod motion {
     use strandflow_core::Report;
     use strandflow_stages::field::motion::{MotionInput, motion};
 
-    use super::super::{frame_of, lift, need_hull, need_masks, need_pose, need_rig, need_scalp, of_views, refs};
+    use super::super::{frame_of, lift, need_grid, need_masks, need_pose, need_rig, need_scalp, of_views, refs};
     use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
 
     pub(crate) fn prepare(_: &Job) -> Result<(), EngineError> {
@@ -66,18 +66,14 @@ pub mod motion {
     pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), EngineError> {
         let frame = frame_of(item)?;
         need_rig(job, needs);
-        need_hull(frame, needs)?;
+        need_grid(needs)?;
         need_scalp(needs)?;
         lift::need_maps(job, frame, needs)?;
-        needs.item(
-            &item.key("lift/lift"),
-            &[&format!("lift/{frame:06}/voxel"), &format!("lift/{frame:06}/confidence")],
-        )?;
         needs.item(&item.key("field/field"), &[&format!("field/{frame:06}/voxel")])?;
         let frames = before(job, frame).into_iter().chain([frame]);
         need_pose(job, frames.clone(), needs)?;
         for frame in frames {
-            need_masks(job, frame, &["masks/subject"], needs)?;
+            need_masks(job, frame, &["masks/hair"], needs)?;
             for &view in job.take.views().taking_part() {
                 needs.file(&job.take.sources().image_file(view, frame)?)?;
             }
@@ -94,20 +90,18 @@ pub mod motion {
             return out.whole(&array, &[field.len(), 3], &vec![0.0f32; 3 * field.len()]);
         };
         let images = |frame: usize| of_views(job, |view| Ok(take.images().image(view, frame)?));
-        let subjects = |frame: usize| of_views(job, |view| take.read_subject(view, frame));
+        let hairs = |frame: usize| of_views(job, |view| take.read_hair(view, frame));
         let (images_now, images_before) = (images(frame)?, images(before)?);
-        let (subjects_now, subjects_before) = (subjects(frame)?, subjects(before)?);
+        let (hairs_now, hairs_before) = (hairs(frame)?, hairs(before)?);
         let maps = lift::read_maps(job, frame)?;
         let input = MotionInput {
             rig: take.views().rig(),
-            hull: &take.read_hull(frame)?,
-            lines: &take.read_lines(frame)?,
             field: &field,
             maps: &refs(&maps),
             images: &images_now.iter().map(|image| &**image).collect::<Vec<_>>(),
             images_before: &images_before.iter().map(|image| &**image).collect::<Vec<_>>(),
-            subjects: &refs(&subjects_now),
-            subjects_before: &refs(&subjects_before),
+            hairs: &refs(&hairs_now),
+            hairs_before: &refs(&hairs_before),
             roots: &take.read_scalp()?.roots,
             world_from_head: take.read_pose(frame)?,
             world_from_head_before: take.read_pose(before)?,
