@@ -1,5 +1,6 @@
 //! Rectangles of interest: work is done where the subject is.
 
+use glam::DVec2;
 use strandflow_core::Plane;
 
 /// A half-open rectangle of pixels.
@@ -47,6 +48,17 @@ impl Region {
         let x1 = (self.x + self.width).max(other.x + other.width);
         let y1 = (self.y + self.height).max(other.y + other.height);
         Self { x, y, width: x1 - x, height: y1 - y }
+    }
+
+    /// The corner with the smallest coordinates, as an image point \[px\].
+    pub fn corner(&self) -> DVec2 {
+        DVec2::new(self.x as f64, self.y as f64)
+    }
+
+    /// Whether an image point \[px\] lies inside.
+    pub fn holds(&self, pixel: DVec2) -> bool {
+        let inside = pixel - self.corner();
+        inside.x >= 0.0 && inside.y >= 0.0 && inside.x < self.width as f64 && inside.y < self.height as f64
     }
 
     /// The samples of the rectangle, mapped; the rectangle must lie inside the plane.

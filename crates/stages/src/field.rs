@@ -88,7 +88,7 @@ impl Default for FieldSettings {
             sweeps: 8,
             line_weight: 2.0,
             fade_mm: 30.0,
-            motion_fade_mm: 100.0,
+            motion_fade_mm: 400.0,
             bare_patch_mm2: 300.0,
             shell_voxels: 2,
             bare_depth_mm: 10.0,

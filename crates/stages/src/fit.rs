@@ -176,7 +176,10 @@ pub fn fit(input: &FitInput, mode: Mode, settings: &FitSettings, report: &mut Re
             .as_ref()
             .filter(|s| mode == Mode::Paper || is_believable(s, usize::from(input.sequence.counts[n]), settings));
         out.residual_mm.push(match believed {
-            Some(strand) => write_back(input.sequence, &mut out.sequence, n, strand),
+            Some(strand) => {
+                let points = mended(&strand.points, usize::from(input.sequence.counts[n]), settings);
+                write_back(input.sequence, &mut out.sequence, n, &points)
+            }
             None => 0.0,
         });
         if believed.is_none() && input.sequence.counts[n] > 0 {
@@ -203,19 +206,36 @@ pub fn fit(input: &FitInput, mode: Mode, settings: &FitSettings, report: &mut Re
 /// window keeps the cleaned positions, so a strand survives many of them; much lower, and strands are replaced by their
 /// neighbours that knew better themselves; near 1, strands that jump between different hair from frame to frame stay.
 const FAILED_SHARE: f64 = 0.4;
-/// Edges outside these shares of the particle spacing show a simulation that came apart.
-const EDGE_RANGE: (f64, f64) = (0.5, 1.5);
+/// Edges outside these shares of the particle spacing are torn.
+const EDGE_RANGE: (f64, f64) = (0.7, 1.4);
+/// A strand of which more than this share of the edges is torn shows a simulation that came apart. Fewer are mended: a
+/// sample astray in one frame is no reason to lose a strand.
+const TORN_SHARE: f64 = 0.03;
 
 /// Whether a refined strand can be passed on: most windows explain it and its edges kept their length.
 fn is_believable(strand: &Refined, particles: usize, settings: &FitSettings) -> bool {
     let windows: usize = strand.windows.iter().sum();
-    let whole = strand.points.chunks(particles.max(1)).all(|frame| {
-        frame.windows(2).all(|pair| {
-            let share = pair[0].distance(pair[1]) / settings.edge_mm;
-            (EDGE_RANGE.0..=EDGE_RANGE.1).contains(&share)
-        })
-    });
-    whole && strand.windows[2] as f64 <= FAILED_SHARE * windows as f64
+    let lengths = || strand.points.chunks(particles.max(1)).flat_map(|f| f.windows(2).map(|p| p[0].distance(p[1])));
+    let (least, most) = (EDGE_RANGE.0 * settings.edge_mm, EDGE_RANGE.1 * settings.edge_mm);
+    let torn = lengths().filter(|length| !(least..=most).contains(length)).count();
+    torn as f64 <= TORN_SHARE * lengths().count() as f64 && strand.windows[2] as f64 <= FAILED_SHARE * windows as f64
+}
+
+/// The strands of all frames with torn edges brought back to the range; what hangs on an edge moves with it.
+fn mended(points: &[DVec3], particles: usize, settings: &FitSettings) -> Vec<DVec3> {
+    let (least, most) = (EDGE_RANGE.0 * settings.edge_mm, EDGE_RANGE.1 * settings.edge_mm);
+    let mut out = Vec::with_capacity(points.len());
+    for frame in points.chunks(particles.max(1)) {
+        let mut at = frame[0];
+        out.push(at);
+        for pair in frame.windows(2) {
+            let edge = pair[1] - pair[0];
+            let length = edge.length();
+            at += edge * (length.clamp(least, most) / length.max(1e-9));
+            out.push(at);
+        }
+    }
+    out
 }
 
 /// Takes a strand out of the sequence: no particle in any frame.
@@ -278,10 +298,10 @@ fn track_of(sequence: &StrandSequence, strand: usize, settings: &FitSettings) ->
 }
 
 /// Writes a refined strand and returns its root mean square distance to the points that were given \[mm\].
-fn write_back(given: &StrandSequence, out: &mut StrandSequence, strand: usize, refined: &Refined) -> f32 {
+fn write_back(given: &StrandSequence, out: &mut StrandSequence, strand: usize, refined: &[DVec3]) -> f32 {
     let (mut sum, mut count) = (0.0, 0);
     let samples = (0..given.frame_count()).flat_map(|t| given.range(t, strand));
-    for (e, point) in samples.zip(&refined.points) {
+    for (e, point) in samples.zip(refined) {
         out.points[e] = point.as_vec3();
         if given.valid(e) && given.points[e].is_finite() {
             sum += given.points[e].as_dvec3().distance_squared(*point);

@@ -68,7 +68,7 @@ pub struct GrowSettings {
     /// How much the strand of the frame before, carried by the motion, draws the new one, 0 to below 1, robust mode;
     /// 0 grows every frame by itself.
     pub follow: f32,
-    /// How far ahead on the carried strand a growing strand aims \[mm\].
+    /// The way within which a growing strand beside the carried one comes back to it \[mm\].
     pub aim_mm: f64,
     /// How much longer than the carried strand a strand may grow \[mm a frame\].
     pub extend_mm: f64,
@@ -86,8 +86,8 @@ impl Default for GrowSettings {
             inertia: 0.3,
             slant: 0.5,
             root_mm: 6.0,
-            follow: 0.15,
-            aim_mm: 10.0,
+            follow: 0.75,
+            aim_mm: 8.0,
             extend_mm: 4.0,
         }
     }
@@ -278,6 +278,11 @@ const LOST_POINT_MM: f32 = 20.0;
 /// How much the carried strand draws when a strand that follows less has departed.
 const FIRMER: [f32; 2] = [0.4, 0.75];
 
+/// Points to either side over which the carried strand's direction is taken: a kink would live on from frame to frame.
+const ALONG: usize = 2;
+/// The sharpest bend of a strand that follows: its radius \[mm\].
+const BEND_MM: f32 = 6.0;
+
 struct Grower<'a> {
     field: LineField<'a>,
     mode: Mode,
@@ -356,15 +361,21 @@ impl Grower<'_> {
     /// `None` beyond its end. A chord to a point ahead would cut the corners of curved hair, a little more in every frame.
     fn aim(&self, head: &Head, guide: &Guide) -> Option<Vec3> {
         let here = (head.arc / self.settings.step_mm as f32).round() as usize;
-        let (from, to) = (*guide.points.get(here)?, *guide.points.get(here + 1)?);
-        let tangent = (to - from).try_normalize()?;
-        (tangent + (from - head.at) / self.settings.aim_mm as f32).try_normalize()
+        let from = *guide.points.get(here)?;
+        guide.points.get(here + 1)?;
+        let (first, last) = (here.saturating_sub(ALONG), (here + 1 + ALONG).min(guide.points.len() - 1));
+        let tangent = (guide.points[last] - guide.points[first]).try_normalize()?;
+        let aside = (from - head.at).reject_from_normalized(tangent) / self.settings.aim_mm as f32;
+        (tangent + aside.clamp_length_max(1.0)).try_normalize()
     }
 
     /// A direction drawn towards the carried strand.
     fn drawn(&self, head: &Head, direction: Vec3, guide: &Guide) -> Vec3 {
         match self.aim(head, guide) {
-            Some(aim) => direction.lerp(aim, guide.follow).normalize_or(direction),
+            Some(aim) => {
+                let drawn = direction.lerp(aim, guide.follow).normalize_or(direction);
+                turned_at_most(head.direction, drawn, self.settings.step_mm as f32 / BEND_MM)
+            }
             None => direction,
         }
     }
@@ -434,6 +445,15 @@ impl Grower<'_> {
         }
         let pushes = [0.1, 0.4, 0.8].map(|push| (direction + inwards * (lean.max(0.0) + push)).normalize_or(direction));
         pushes.into_iter().find(|&d| !leaves(d)).map_or((direction, false), |d| (d, true))
+    }
+}
+
+/// `to`, or the direction on the way there from `from` that lies `most` radians off it.
+fn turned_at_most(from: Vec3, to: Vec3, most: f32) -> Vec3 {
+    let cosine = from.dot(to).clamp(-1.0, 1.0);
+    match (to - from * cosine).try_normalize() {
+        Some(side) if cosine < most.cos() => from * most.cos() + side * most.sin(),
+        _ => to,
     }
 }
 

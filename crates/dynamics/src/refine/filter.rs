@@ -86,6 +86,21 @@ fn average_along(values: &[DVec3], weights: &[f64], n: usize, half: usize) -> (V
 /// Weight of a residual where no sample is.
 const UNSEEN: f64 = 0.05;
 
+/// Residuals (shape (T, n)), and where a sample has no weight that of the nearest on the strand that has some, so that a
+/// strand is not torn where its samples end.
+pub fn continued(residuals: &[DVec3], weights: &[f64], n: usize) -> Vec<DVec3> {
+    let mut out = Vec::with_capacity(residuals.len());
+    for (row, w) in residuals.chunks(n).zip(weights.chunks(n)) {
+        let nearest = |i: usize| {
+            let before = (0..=i).rev().find(|&j| w[j] > 0.0);
+            let behind = (i..n).find(|&j| w[j] > 0.0);
+            before.into_iter().chain(behind).min_by_key(|&j| j.abs_diff(i))
+        };
+        out.extend((0..n).map(|i| nearest(i).map_or(DVec3::ZERO, |j| row[j])));
+    }
+    out
+}
+
 /// Half-width of the quadratic that the ends are drawn to \[frames\].
 const END_HALF: usize = 6;
 /// Weight of the first and of the second frame from either end in it: no window reaches frame 0, and few reach the others.

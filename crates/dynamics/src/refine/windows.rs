@@ -82,9 +82,15 @@ pub fn refine_bundle<R: Kernels>(lanes: &[&Prepared], take: &Take, options: &Ref
         .collect()
 }
 
-/// Noise per coordinate at which samples and refinement count alike \[mm\]. At 1 mm the samples have a share of 1/40,
-/// and strands without noise keep their samples.
-const FAITHFUL_NOISE_MM: f64 = 0.25;
+/// Noise per coordinate at which samples and refinement count alike \[mm\]. Strands without noise keep their samples;
+/// strands that were followed from frame to frame have 0.2 mm of it, and what they err by is not noise.
+const FAITHFUL_NOISE_MM: f64 = 0.12;
+
+/// The share of the frames in which a particle has a sample. Where samples come and go, keeping them makes a strand shake.
+fn presence(weights: &[f64], n: usize, i: usize) -> f64 {
+    let present = weights.iter().skip(i).step_by(n).filter(|&&w| w > 0.0).count();
+    present as f64 / (weights.len() / n).max(1) as f64
+}
 
 /// Adds back what the samples say consistently over time against the simulation, in head space.
 fn add_structure<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Take, x: &mut [V3<R>]) {
@@ -99,7 +105,9 @@ fn add_structure<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Tak
         let residuals: Vec<DVec3> = (0..head.len()).map(residual).collect();
         let structure = filter::structure(&residuals, &p.weights, m);
         let faith = 1.0 / (1.0 + (p.noise_mm / FAITHFUL_NOISE_MM).powi(4));
-        let correction = |e: usize| structure[e].lerp(residuals[e], if p.weights[e] > 0.0 { faith } else { 0.0 });
+        let faithful = filter::continued(&residuals, &p.weights, m);
+        let presence: Vec<f64> = (0..m).map(|i| presence(&p.weights, m, i)).collect();
+        let correction = |e: usize| structure[e].lerp(faithful[e], faith * presence[e % m].powi(4));
         let mut corrected: Vec<DVec3> = (0..head.len()).map(|e| head[e] + correction(e)).collect();
         filter::settle_ends(&mut corrected, m, 1.0 - faith);
         for t in 0..bundle.frames {

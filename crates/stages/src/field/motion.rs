@@ -57,12 +57,20 @@ pub struct MotionInput<'a> {
     pub world_from_head_before: RigidTransform,
 }
 
-fn knob(name: &str, default: f32) -> f32 {
-    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
-}
-
 /// Blur of the images, coarse to fine \[px\].
 const SCALES: [f32; 3] = [4.0, 2.0, 1.0];
+/// Deviation of the window in which a view's equations are pooled \[px\]. Texture of hair says little in smaller ones.
+const WINDOW_PX: f32 = 24.0;
+/// Least deviation of the neighbourhood that brightness is normalised by \[px\].
+const AROUND_PX: f32 = 8.0;
+/// Deviation of brightness below which there is only noise \[code values\].
+const DARK: f32 = 2.0;
+/// Scale of the robust function of normalised brightness, in local deviations.
+const MISS_SCALE: f32 = 1.0;
+/// Weight of a pixel's pooled equations against the pull of one neighbouring voxel.
+const PIXEL_WEIGHT: f32 = 15.0;
+/// Weight of the head's motion at a root, against one neighbouring voxel.
+const ROOT_WEIGHT: f32 = 1.0;
 
 /// The displacement \[mm\] of every voxel of the field from where its hair was in the frame before, world.
 pub fn motion(input: &MotionInput, settings: &FieldSettings) -> SparseVoxels<Vec3> {
@@ -72,22 +80,19 @@ pub fn motion(input: &MotionInput, settings: &FieldSettings) -> SparseVoxels<Vec
     let solver = Solver { levels: settings.levels, sweeps: settings.sweeps, relaxation: 1.5, leak };
     let rooted = root_constraints(input);
     let views = View::all(input);
-    let start = |&index: &u32| {
+    // Hair is slow to follow the head: where the camera saw it a frame ago is the better start.
+    let still = |&index: &u32| {
         let point = grid.centre_of_index(index as usize);
-        (point - before_from_now.point(point)).as_vec3() * knob("INIT", 0.0)
+        (point - before_from_now.point(point)).as_vec3()
     };
-    let mut back: Vec<Vec3> = input.field.indices.iter().map(start).collect();
-    let line_weight = knob("LW", 0.05);
-    let finest = knob("FINEST", 1.0);
-    let repeats = knob("REP", 1.0) as usize;
-    for scale in SCALES.into_iter().filter(|s| *s >= finest).flat_map(|s| std::iter::repeat_n(s, repeats)) {
-        let seen: Vec<Vec<(u32, Constraint<Vec3>)>> =
+    let mut back: Vec<Vec3> = input.field.indices.par_iter().map(still).collect();
+    for scale in SCALES {
+        let seen: Vec<Vec<Equations>> =
             views.par_iter().map(|view| view.equations(input, scale, before_from_now, &back)).collect();
         let mut constraints = rooted.clone();
-        for (rank, e) in seen.iter().flatten() {
-            let c = &mut constraints[*rank as usize];
-            c.weight += e.weight * line_weight;
-            c.pull += e.pull * line_weight;
+        for (rank, seen) in seen.iter().flatten() {
+            constraints[*rank as usize].weight += seen.weight * PIXEL_WEIGHT;
+            constraints[*rank as usize].pull += seen.pull * PIXEL_WEIGHT;
         }
         back = diffuse(&grid, &input.field.indices, &constraints, &solver);
     }
@@ -108,13 +113,15 @@ fn root_constraints(input: &MotionInput) -> Vec<Constraint<Vec3>> {
             rooted.set(grid.index(voxel), true);
         }
     }
-    let weight = knob("RW", 4.0);
     let of = |&index: &u32| {
-        let weight = if rooted.get(index as usize) { weight } else { 0.0 };
+        let weight = if rooted.get(index as usize) { ROOT_WEIGHT } else { 0.0 };
         Constraint { pull: Vec3::ZERO, weight: Tensor([weight, weight, weight, 0.0, 0.0, 0.0]) }
     };
     input.field.indices.iter().map(of).collect()
 }
+
+/// What a pixel says about the voxel that it shows: position of the voxel in the field, equations in u \[mm\].
+type Equations = (u32, Constraint<Vec3>);
 
 /// One view: its pixels of hair and the voxels they show.
 struct View<'a> {
@@ -127,8 +134,8 @@ struct View<'a> {
 /// A pixel of hair.
 #[derive(Clone, Copy)]
 struct Shown {
-    x: u32,
-    y: u32,
+    x: usize,
+    y: usize,
     /// Position of the voxel in the field.
     rank: u32,
     /// The world point it shows \[mm\].
@@ -152,7 +159,7 @@ impl<'a> View<'a> {
                 let per_depth = 1.0 / camera.camera_from_world.rotation.row(2).dot(ray.direction);
                 let point = ray.origin + ray.direction * (f64::from(z) * per_depth);
                 let rank = lookup.rank(grid.index(grid.voxel_at(point)?))?;
-                Some(Shown { x: x as u32, y: y as u32, rank: rank as u32, point })
+                Some(Shown { x, y, rank: rank as u32, point })
             };
             let pixels = (region.y..region.y + region.height)
                 .flat_map(|y| (region.x..region.x + region.width).map(move |x| (x, y)));
@@ -161,113 +168,122 @@ impl<'a> View<'a> {
         (0..input.rig.view_count()).into_par_iter().filter_map(of).collect()
     }
 
-    /// What the pixels say across their strands, images blurred by `scale` \[px\], pooled over a window.
+    /// What the view's images say, blurred by `scale` \[px\]; `back` is the motion so far.
     fn equations(
         &self,
         input: &MotionInput,
         scale: f32,
         before_from_now: RigidTransform,
         back: &[Vec3],
-    ) -> Vec<(u32, Constraint<Vec3>)> {
+    ) -> Vec<Equations> {
         let (view, region) = (self.view, self.region);
         let now = Normalised::new(input.images[view], input.hairs[view], region, scale);
         let before = Normalised::new(input.images_before[view], input.hairs_before[view], region, scale);
-        let map = input.maps[view];
-        let (robust_scale, use_conf, reject) = (knob("ROB", 1.0), knob("CONF", 1.0), knob("REJ", 0.0));
-        let across = knob("ACROSS", 1.0);
-        let mut sums: [Plane<f32>; 5] =
-            std::array::from_fn(|_| Plane::filled(region.width, region.height, 0.0f32));
-        let mut used = Plane::filled(region.width, region.height, 0.0f32);
-        for shown in &self.shown {
-            let at = (shown.x as usize, shown.y as usize);
-            let confidence = if use_conf > 0.0 { map.confidence[at].powf(use_conf) } else { 1.0 };
-            if confidence <= 0.0 {
+        let expected = |shown: &Shown| before_from_now.point(shown.point) + back[shown.rank as usize].as_dvec3();
+        let pixels: Vec<Option<(DVec3, DVec2)>> = self
+            .shown
+            .iter()
+            .map(|shown| Some((expected(shown), project(self.camera, expected(shown))?)))
+            .collect();
+        let pooled = self.pooled(input.maps[view], &now, &before, &pixels);
+        let equations = |(shown, at): (&Shown, &Option<(DVec3, DVec2)>)| {
+            let (point, pixel) = (*at)?;
+            let rows = self.image_motion(point, pixel, input.field.values[shown.rank as usize].direction)?;
+            let normal = pooled.at(shown.x - region.x, shown.y - region.y);
+            Some((shown.rank, lifted(rows, normal, back[shown.rank as usize])))
+        };
+        self.shown.iter().zip(&pixels).filter_map(equations).collect()
+    }
+
+    /// The normal equations of the image motion across the strands, pooled around every pixel.
+    fn pooled(
+        &self,
+        map: &OrientationMap,
+        now: &Normalised,
+        before: &Normalised,
+        expected: &[Option<(DVec3, DVec2)>],
+    ) -> Pooled {
+        let region = self.region;
+        let mut sums: [Plane<f32>; 5] = std::array::from_fn(|_| Plane::filled(region.width, region.height, 0.0));
+        let mut used = Plane::filled(region.width, region.height, 0.0);
+        for (shown, expected) in self.shown.iter().zip(expected) {
+            let Some((_, pixel)) = expected else { continue };
+            let (here, there) = ((shown.x - region.x, shown.y - region.y), *pixel - region.corner());
+            let confidence = map.confidence[(shown.x, shown.y)];
+            if confidence <= 0.0 || !region.holds(*pixel) {
                 continue;
             }
-            let so_far = back[shown.rank as usize];
-            let moved = before_from_now.point(shown.point) + so_far.as_dvec3();
-            let Some(expected) = project(self.camera, moved) else { continue };
-            let (x, y) = (expected.x as f32 - region.x as f32, expected.y as f32 - region.y as f32);
-            if !(x > 0.0 && y > 0.0 && x < region.width as f32 && y < region.height as f32) {
-                continue;
-            }
-            let here = (at.0 - region.x, at.1 - region.y);
-            let there = bilinear(&before.weight, x, y);
-            let gradient = 0.5
-                * (Vec2::new(now.gx[here], now.gy[here])
-                    + Vec2::new(bilinear(&before.gx, x, y), bilinear(&before.gy, x, y)));
-            let miss = bilinear(&before.image, x, y) - now.image[here];
-            let n = Vec2::from_angle(map.angle[at]).perp();
-            let g = if across > 0.0 { n * n.dot(gradient) } else { gradient };
-            let weight = (1.0 + (miss / robust_scale).powi(2)).powi(2).recip() * confidence * there;
-            let all = [g.x * g.x, g.x * g.y, g.y * g.y, g.x * miss, g.y * miss];
-            sums.iter_mut().zip(all).for_each(|(sum, value)| sum[here] = weight * value);
+            let (x, y) = (there.x as f32, there.y as f32);
+            let gradient_before = Vec2::new(bilinear(&before.gradient[0], x, y), bilinear(&before.gradient[1], x, y));
+            let gradient = 0.5 * (Vec2::new(now.gradient[0][here], now.gradient[1][here]) + gradient_before);
+            let across = Vec2::from_angle(map.angle[(shown.x, shown.y)]).perp();
+            let (slope, miss) = (across * across.dot(gradient), bilinear(&before.image, x, y) - now.image[here]);
+            let robust = (1.0 + (miss / MISS_SCALE).powi(2)).powi(2).recip();
+            let weight = robust * confidence * bilinear(&before.hair, x, y);
+            let values = [slope.x * slope.x, slope.x * slope.y, slope.y * slope.y, slope.x * miss, slope.y * miss];
+            sums.iter_mut().zip(values).for_each(|(sum, value)| sum[here] = weight * value);
             used[here] = 1.0;
         }
-        let window = knob("WIN", 16.0);
-        let sums = sums.map(|sum| gaussian(&sum, window));
-        let used = gaussian(&used, window);
-        let of = |shown: &Shown| -> Option<(u32, Constraint<Vec3>)> {
-            let here = (shown.x as usize - region.x, shown.y as usize - region.y);
-            let [xx, xy, yy, xr, yr] = sums.each_ref().map(|sum| sum[here] / used[here].max(1e-3));
-            let so_far = back[shown.rank as usize];
-            let moved = before_from_now.point(shown.point) + so_far.as_dvec3();
-            let expected = project(self.camera, moved)?;
-            let column =
-                |axis: DVec3| -> Option<Vec2> { Some((project(self.camera, moved + axis)? - expected).as_vec2()) };
-            let columns = [column(DVec3::X)?, column(DVec3::Y)?, column(DVec3::Z)?];
-            let mut rows = [0, 1].map(|k| Vec3::from_array(columns.map(|c| c[k])));
-            if reject > 0.0 {
-                let d = input.field.values[shown.rank as usize].direction;
-                if d.length_squared() > 0.5 {
-                    rows = rows.map(|row| row.reject_from_normalized(d));
-                }
-            }
-            // JᵀSJ and Jᵀ(SJu − s).
-            let [jx, jy] = rows;
-            let (p, q) = (jx * xx + jy * xy, jx * xy + jy * yy);
-            let weight = Tensor([
-                p.x * jx.x + q.x * jy.x,
-                p.y * jx.y + q.y * jy.y,
-                p.z * jx.z + q.z * jy.z,
-                p.x * jx.y + q.x * jy.y,
-                p.x * jx.z + q.x * jy.z,
-                p.y * jx.z + q.y * jy.z,
-            ]);
-            let pull = weight.apply(so_far) - jx * xr - jy * yr;
-            Some((shown.rank, Constraint { pull, weight }))
-        };
-        self.shown.iter().filter_map(of).collect()
+        Pooled { sums: sums.map(|sum| gaussian(&sum, WINDOW_PX)), used: gaussian(&used, WINDOW_PX) }
+    }
+
+    /// How the image point of a world point moves with it, shape (2, 3) \[px/mm\]; nothing along the strand: the image's
+    /// strand and the voxel's line differ a little, and that must not pass for motion along the line.
+    fn image_motion(&self, point: DVec3, pixel: DVec2, line: Vec3) -> Option<[Vec3; 2]> {
+        let column = |axis: DVec3| -> Option<DVec2> { Some(project(self.camera, point + axis)? - pixel) };
+        let columns = [column(DVec3::X)?, column(DVec3::Y)?, column(DVec3::Z)?];
+        let row = |k: usize| Vec3::from_array(columns.map(|c| c[k] as f32));
+        let across = |row: Vec3| row - line * row.dot(line);
+        Some([across(row(0)), across(row(1))])
     }
 }
 
-/// Luminance of a region, less the local mean of the hair and over its local deviation, with its gradient.
+/// The equations in space of the normal equations S w + s = 0 of an image motion w beyond the one so far.
+fn lifted([jx, jy]: [Vec3; 2], [xx, xy, yy, x, y]: [f32; 5], so_far: Vec3) -> Constraint<Vec3> {
+    let (p, q) = (jx * xx + jy * xy, jx * xy + jy * yy);
+    let entry = |i: usize, j: usize| p[i] * jx[j] + q[i] * jy[j];
+    let weight = Tensor([entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(0, 2), entry(1, 2)]);
+    Constraint { pull: weight.apply(so_far) - jx * x - jy * y, weight }
+}
+
+/// Normal equations of the image motion, pooled in a Gaussian window: sums of gₓ², gₓgᵧ, gᵧ², gₓr, gᵧr.
+struct Pooled {
+    sums: [Plane<f32>; 5],
+    used: Plane<f32>,
+}
+
+impl Pooled {
+    fn at(&self, x: usize, y: usize) -> [f32; 5] {
+        self.sums.each_ref().map(|sum| sum[(x, y)] / self.used[(x, y)].max(1e-3))
+    }
+}
+
+/// Luminance of a region, less the local mean of the hair and over its local deviation; zero beside the hair.
 struct Normalised {
     image: Plane<f32>,
-    gx: Plane<f32>,
-    gy: Plane<f32>,
+    /// Along x and y \[1/px\].
+    gradient: [Plane<f32>; 2],
     /// Coverage by hair, blurred as the image.
-    weight: Plane<f32>,
+    hair: Plane<f32>,
 }
 
 impl Normalised {
     fn new(image: &RgbImage, hair: &Mask, region: Region, scale: f32) -> Self {
         let luma = region.crop(image, |c| 0.299 * f32::from(c[0]) + 0.587 * f32::from(c[1]) + 0.114 * f32::from(c[2]));
         let hair = region.crop(hair, |&m| if m >= 128 { 1.0 } else { 0.0 });
-        let around = (knob("NORM", 8.0)).max(3.0 * scale);
-        let smooth = gaussian_where(&luma, &hair, scale);
+        let around = AROUND_PX.max(3.0 * scale);
         let mean = gaussian_where(&luma, &hair, around);
-        let zip = |a: &Plane<f32>, b: &Plane<f32>, f: &dyn Fn(f32, f32) -> f32| Plane {
-            width: a.width,
-            height: a.height,
-            data: a.data.iter().zip(&b.data).map(|(a, b)| f(*a, *b)).collect(),
-        };
-        let off = zip(&smooth, &mean, &|s, m| s - m);
-        let deviation = gaussian_where(&off.map(|o| o * o), &hair, around);
-        let image = zip(&off, &deviation, &|o, d| o / (d.sqrt() + 2.0));
-        let image = zip(&image, &hair, &|i, h| i * h);
-        let weight = gaussian(&hair, scale);
+        let off = together(&gaussian_where(&luma, &hair, scale), &mean, |smooth, mean| smooth - mean);
+        let variance = gaussian_where(&off.map(|o| o * o), &hair, around);
+        let even = together(&off, &variance, |off, variance| off / (variance.sqrt() + DARK));
+        let image = together(&even, &hair, |value, hair| value * hair);
         let (gx, gy) = gradients(&image);
-        Self { image, gx, gy, weight }
+        Self { image, gradient: [gx, gy], hair: gaussian(&hair, scale) }
     }
+}
+
+/// A plane of two, sample by sample.
+fn together(a: &Plane<f32>, b: &Plane<f32>, f: impl Fn(f32, f32) -> f32) -> Plane<f32> {
+    let data = a.data.iter().zip(&b.data).map(|(a, b)| f(*a, *b)).collect();
+    Plane { width: a.width, height: a.height, data }
 }
