@@ -132,7 +132,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "field",
         summary: "the dense line field",
-        version: 2,
+        version: 3,
         has_modes: true,
         settings: settings_of!(field),
         phases: &[
@@ -143,7 +143,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "grow",
         summary: "strands from the roots",
-        version: 4,
+        version: 5,
         has_modes: true,
         settings: settings_of!(grow),
         phases: &[phase!("grow/grow", FrameChained, Frames, rooms::grow)],
@@ -171,7 +171,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "fit",
         summary: "strands explained by simulation",
-        version: 7,
+        version: 8,
         has_modes: true,
         settings: settings_of!(fit),
         phases: &[phase!("fit/fit", Block, Frames, rooms::fit)],

@@ -31,8 +31,8 @@ pub struct Prepared {
     pub rest: RestShape,
     /// The median shape in head space, complete, length n.
     pub median: Vec<DVec3>,
-    /// Noise per coordinate \[mm\], from third differences in time; below 0.1 it is mostly motion. Infinite where no four
-    /// consecutive frames have a particle: then nothing says that the samples can be believed.
+    /// Noise per coordinate \[mm\], from fourth differences in time, in which motion counts less than in third ones. Infinite
+    /// where no five consecutive frames have a particle: then nothing says that the samples can be believed.
     pub noise_mm: f64,
 }
 
@@ -71,7 +71,7 @@ pub fn prepare(track: &Track, take: &Take, options: &RefineOptions) -> Option<Pr
     }
     let median = median_shape(&head, &weights, n, options.edge_mm)?;
     let rest = rest_shape(&head, &weights, n, &median, options.edge_mm);
-    let noise_mm = third_differences(&weights, n, 0, |e| head[e]).map_or(f64::INFINITY, |d| (d / 3.0).sqrt());
+    let noise_mm = differences(&weights, n, 0, FOURTH, |e| head[e]).map_or(f64::INFINITY, |d| (d / 3.0).sqrt());
     Some(Prepared { n, head, weights, rest, median, noise_mm })
 }
 
@@ -275,19 +275,30 @@ fn rest_altitudes(volume: f64, [ab, bc, cd]: [f64; 3], [ac, bd]: [f64; 2], ad: f
 /// What noise adds to squared distances over `order` edges \[mm²\]: three times the variance per coordinate of the
 /// difference vectors, from their third differences in time (which are 20 variances).
 fn difference_noise(head: &[DVec3], weights: &[f64], n: usize, order: usize) -> f64 {
-    third_differences(weights, n, order, |e| head[e + order] - head[e]).unwrap_or(0.0)
+    differences(weights, n, order, THIRD, |e| head[e + order] - head[e]).unwrap_or(0.0)
 }
 
-/// Mean squared third difference in time of a quantity of the particles i and i + `order`, over 20: three variances per
-/// coordinate of white noise. Every sample that is present counts, however little it is trusted: on real footage most
-/// confidences are below one half, and leaving those out once made the noisiest strands look noiseless.
-fn third_differences(weights: &[f64], n: usize, order: usize, value: impl Fn(usize) -> DVec3) -> Option<f64> {
+/// Coefficients of the third and fourth difference, and the sum of their squares.
+const THIRD: ([f64; 4], f64) = ([1.0, -3.0, 3.0, -1.0], 20.0);
+const FOURTH: ([f64; 5], f64) = ([1.0, -4.0, 6.0, -4.0, 1.0], 70.0);
+
+/// Mean squared difference in time of a quantity of the particles i and i + `span`, over the sum of its squared coefficients:
+/// three variances per coordinate of white noise. Every sample that is present counts, however little it is trusted: on
+/// real footage most confidences are below one half, and leaving those out once made the noisiest strands look noiseless.
+fn differences<const N: usize>(
+    weights: &[f64],
+    n: usize,
+    span: usize,
+    (coefficients, squares): ([f64; N], f64),
+    value: impl Fn(usize) -> DVec3,
+) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0.0);
-    for t in 3..weights.len() / n {
-        for i in 0..n.saturating_sub(order) {
-            if (t - 3..=t).all(|s| weights[s * n + i] > 0.0 && weights[s * n + i + order] > 0.0) {
-                let d = |s: usize| value(s * n + i);
-                sum += (d(t) - 3.0 * d(t - 1) + 3.0 * d(t - 2) - d(t - 3)).length_squared() / 20.0;
+    for t in 0..(weights.len() / n + 1).saturating_sub(N) {
+        for i in 0..n.saturating_sub(span) {
+            let at = |k: usize| (t + k) * n + i;
+            if (0..N).all(|k| weights[at(k)] > 0.0 && weights[at(k) + span] > 0.0) {
+                let difference: DVec3 = (0..N).map(|k| coefficients[k] * value(at(k))).sum();
+                sum += difference.length_squared() / squares;
                 count += 1.0;
             }
         }
