@@ -313,3 +313,24 @@ fn write_back(given: &StrandSequence, out: &mut StrandSequence, strand: usize, r
     }
     (sum / f64::from(count.max(1))).sqrt() as f32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_torn_edge_is_mended_and_its_tail_keeps_its_shape() {
+        let settings = FitSettings::default();
+        let edge = settings.edge_mm;
+        let straight: Vec<DVec3> = (0..6).map(|i| DVec3::X * edge * f64::from(i)).collect();
+        let mut torn = straight.clone();
+        torn[3..].iter_mut().for_each(|p| p.x += 3.0 * edge);
+        let both: Vec<DVec3> = straight.iter().chain(&torn).copied().collect();
+        let found = mended(&both, 6, &settings);
+        assert_eq!(found[..6], straight);
+        let lengths: Vec<f64> = found[6..].windows(2).map(|p| p[0].distance(p[1]) / edge).collect();
+        for (length, expected) in lengths.iter().zip([1.0, 1.0, EDGE_RANGE.1, 1.0, 1.0]) {
+            assert!((length - expected).abs() < 1e-12, "{lengths:?}");
+        }
+    }
+}

@@ -328,6 +328,30 @@ fn a_strand_follows_the_one_of_the_frame_before() {
 }
 
 #[test]
+fn following_for_long_does_not_draw_strands_inwards() {
+    // Hair on a ball bends all the way down: what cuts its corners sinks, a little more in every frame.
+    let scene = scene(0.0, None);
+    let field = scene.field(&scene.lines(Mode::Robust), Mode::Robust);
+    let still =
+        SparseVoxels { grid: field.grid, indices: field.indices.clone(), values: vec![Vec3::ZERO; field.len()] };
+    let (first, _) = grown(&field);
+    let mut strands = first.clone();
+    for _ in 0..12 {
+        let before = Before { strands: &strands, motion: &still, world_from_head: RigidTransform::IDENTITY };
+        strands = grown_after(&field, Some(before)).0;
+    }
+    let (mut sunk, mut count) = (0.0, 0);
+    for n in 0..first.strand_count() {
+        for (a, b) in first.strand(n).iter().zip(strands.strand(n)) {
+            sunk += a.length() - b.length();
+            count += 1;
+        }
+    }
+    let mean = sunk / count as f32;
+    assert!(count > 10_000 && mean.abs() < 1.0, "sunk by {mean:.2} mm over {count} points");
+}
+
+#[test]
 fn the_result_does_not_depend_on_the_number_of_threads() {
     let scene = scene(0.1, None);
     let run = |threads: usize| {

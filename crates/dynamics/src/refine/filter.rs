@@ -172,6 +172,15 @@ mod tests {
     use super::*;
 
     #[test]
+    fn what_is_not_seen_goes_on_with_the_nearest_that_is() {
+        let residuals = [1.0, 2.0, 3.0, 9.0, 4.0, 5.0, 9.0, 9.0].map(DVec3::splat);
+        let weights = [1.0, 1.0, 0.3, 0.0, 1.0, 1.0, 0.0, 0.0];
+        let found: Vec<f64> = continued(&residuals, &weights, 8).iter().map(|r| r.x).collect();
+        assert_eq!(found, [1.0, 2.0, 3.0, 3.0, 4.0, 5.0, 5.0, 5.0]);
+        assert_eq!(continued(&residuals, &[0.0; 8], 4), [DVec3::ZERO; 8]);
+    }
+
+    #[test]
     fn structure_is_found_in_waves_and_not_in_noise() {
         let n = 20;
         let wave = |e: usize| DVec3::X * 3.0 * (0.2 * (e / n) as f64 + 0.1 * (e % n) as f64).sin();

@@ -180,11 +180,8 @@ impl<'a> View<'a> {
         let now = Normalised::new(input.images[view], input.hairs[view], region, scale);
         let before = Normalised::new(input.images_before[view], input.hairs_before[view], region, scale);
         let expected = |shown: &Shown| before_from_now.point(shown.point) + back[shown.rank as usize].as_dvec3();
-        let pixels: Vec<Option<(DVec3, DVec2)>> = self
-            .shown
-            .iter()
-            .map(|shown| Some((expected(shown), project(self.camera, expected(shown))?)))
-            .collect();
+        let pixels: Vec<Option<(DVec3, DVec2)>> =
+            self.shown.iter().map(|shown| Some((expected(shown), project(self.camera, expected(shown))?))).collect();
         let pooled = self.pooled(input.maps[view], &now, &before, &pixels);
         let equations = |(shown, at): (&Shown, &Option<(DVec3, DVec2)>)| {
             let (point, pixel) = (*at)?;
