@@ -148,10 +148,8 @@ pub fn grow(
         .map(|i| {
             let root = input.world_from_head.point(input.roots[i]).as_vec3();
             let normal = input.world_from_head.vector(input.normals[i]).as_vec3().normalize_or_zero();
-            match carrier.as_ref().map(|carrier| carrier.carried(i)).filter(|carried| !carried.is_empty()) {
-                Some(carried) => grower.grow_after(root, normal, &carried),
-                None => grower.grow(root, normal, &Guide { points: &[], follow: 0.0 }),
-            }
+            let carried = carrier.as_ref().map(|carrier| carrier.carried(i)).unwrap_or_default();
+            grower.grow(root, normal, &carried)
         })
         .collect();
     let mut strands = Strands::new();
@@ -264,20 +262,6 @@ impl LineField<'_> {
     }
 }
 
-/// The strand of the frame before, carried into this one (no points where there is none), and how much it draws.
-struct Guide<'a> {
-    points: &'a [Vec3],
-    follow: f32,
-}
-
-/// A strand that departs from the carried one by more than this on the mean has gone to other hair \[mm\]: hair moves by
-/// 20 mm in a fast frame, and the motion is known to 3 mm or so.
-const DEPARTED_MM: f32 = 8.0;
-/// What a point that the carried strand has and the new one lacks counts as \[mm\].
-const LOST_POINT_MM: f32 = 20.0;
-/// How much the carried strand draws when a strand that follows less has departed.
-const FIRMER: [f32; 2] = [0.4, 0.75];
-
 /// Points to either side over which the carried strand's direction is taken: a kink would live on from frame to frame.
 const ALONG: usize = 2;
 /// The sharpest bend of a strand that follows: its radius \[mm\].
@@ -301,35 +285,16 @@ struct Head {
 }
 
 impl Grower<'_> {
-    /// A strand that follows a carried one, and follows it more firmly where it would go to other hair or end early: a
-    /// reconstruction of one frame alone may do so, hair does not.
-    fn grow_after(&self, root: Vec3, normal: Vec3, carried: &[Vec3]) -> Grown {
-        let grown = |follow: f32| {
-            let strand = self.grow(root, normal, &Guide { points: carried, follow });
-            (departure(&strand.points, carried), strand)
-        };
-        let mut best = grown(self.settings.follow);
-        for follow in FIRMER.into_iter().filter(|&follow| follow > self.settings.follow) {
-            if best.0 <= DEPARTED_MM {
-                break;
-            }
-            let firmer = grown(follow);
-            if firmer.0 < best.0 {
-                best = firmer;
-            }
-        }
-        best.1
-    }
-
-    fn grow(&self, root: Vec3, normal: Vec3, guide: &Guide) -> Grown {
+    /// A strand from a root, drawn by the carried one (no points where there is none).
+    fn grow(&self, root: Vec3, normal: Vec3, carried: &[Vec3]) -> Grown {
         let step = self.settings.step_mm as f32;
         let robust_gap =
             if self.mode == Mode::Robust { (self.settings.gap_mm / self.settings.step_mm) as usize } else { 0 };
         let mut strand = Grown::default();
         let mut head = Head { at: root, direction: normal, arc: 0.0, slid: false };
         let mut outside = 0usize;
-        while strand.points.len() < self.most_points(guide) {
-            let sample = self.field.at(head.at, self.facing(&head, normal, guide));
+        while strand.points.len() < self.most_points(carried) {
+            let sample = self.field.at(head.at, self.facing(&head, normal, carried));
             outside = if sample.is_some() { 0 } else { outside + 1 };
             strand.push(head.at, sample.as_ref());
             // A root may lie up to three steps off the volume: scalp and hull are right to a voxel.
@@ -337,8 +302,8 @@ impl Grower<'_> {
             if outside > gap {
                 break;
             }
-            let Some(next) = self.next_direction(&head, normal, sample, guide) else { break };
-            (head.direction, head.slid) = self.kept_inside(&head, self.drawn(&head, next, guide));
+            let Some(next) = self.next_direction(&head, normal, sample, carried) else { break };
+            (head.direction, head.slid) = self.kept_inside(&head, self.drawn(&head, next, carried));
             head.at += head.direction * step;
             head.arc += step;
         }
@@ -351,29 +316,29 @@ impl Grower<'_> {
     }
 
     /// The most points that a strand may get: little more than it had in the frame before.
-    fn most_points(&self, guide: &Guide) -> usize {
+    fn most_points(&self, carried: &[Vec3]) -> usize {
         let most = self.settings.max_points();
         let more = (self.settings.extend_mm / self.settings.step_mm) as usize;
-        if guide.points.is_empty() { most } else { most.min(guide.points.len() + more) }
+        if carried.is_empty() { most } else { most.min(carried.len() + more) }
     }
 
     /// The carried strand's direction here, turned so that a growing strand beside it comes back to it within `aim_mm`;
     /// `None` beyond its end. A chord to a point ahead would cut the corners of curved hair, a little more in every frame.
-    fn aim(&self, head: &Head, guide: &Guide) -> Option<Vec3> {
+    fn aim(&self, head: &Head, carried: &[Vec3]) -> Option<Vec3> {
         let here = (head.arc / self.settings.step_mm as f32).round() as usize;
-        let from = *guide.points.get(here)?;
-        guide.points.get(here + 1)?;
-        let (first, last) = (here.saturating_sub(ALONG), (here + 1 + ALONG).min(guide.points.len() - 1));
-        let tangent = (guide.points[last] - guide.points[first]).try_normalize()?;
+        let from = *carried.get(here)?;
+        carried.get(here + 1)?;
+        let (first, last) = (here.saturating_sub(ALONG), (here + 1 + ALONG).min(carried.len() - 1));
+        let tangent = (carried[last] - carried[first]).try_normalize()?;
         let aside = (from - head.at).reject_from_normalized(tangent) / self.settings.aim_mm as f32;
         (tangent + aside.clamp_length_max(1.0)).try_normalize()
     }
 
     /// A direction drawn towards the carried strand.
-    fn drawn(&self, head: &Head, direction: Vec3, guide: &Guide) -> Vec3 {
-        match self.aim(head, guide) {
+    fn drawn(&self, head: &Head, direction: Vec3, carried: &[Vec3]) -> Vec3 {
+        match self.aim(head, carried) {
             Some(aim) => {
-                let drawn = direction.lerp(aim, guide.follow).normalize_or(direction);
+                let drawn = direction.lerp(aim, self.settings.follow).normalize_or(direction);
                 turned_at_most(head.direction, drawn, self.settings.step_mm as f32 / BEND_MM)
             }
             None => direction,
@@ -382,8 +347,8 @@ impl Grower<'_> {
 
     /// The direction towards which a line is turned. Close to the root, where the normal is across the lines and does not
     /// decide between their two ends, hair falls.
-    fn facing(&self, head: &Head, normal: Vec3, guide: &Guide) -> Vec3 {
-        if let Some(aim) = self.aim(head, guide) {
+    fn facing(&self, head: &Head, normal: Vec3, carried: &[Vec3]) -> Vec3 {
+        if let Some(aim) = self.aim(head, carried) {
             return (head.direction + aim).normalize_or(head.direction);
         }
         if self.mode == Mode::Paper || head.arc > self.settings.root_mm {
@@ -394,7 +359,7 @@ impl Grower<'_> {
 
     /// The direction of the next step: the midpoint rule, blended with the previous direction; near the root a turn from
     /// the normal into the field. `None` where the lines around do not agree or turn too sharply.
-    fn next_direction(&self, head: &Head, normal: Vec3, here: Option<Sample>, guide: &Guide) -> Option<Vec3> {
+    fn next_direction(&self, head: &Head, normal: Vec3, here: Option<Sample>, carried: &[Vec3]) -> Option<Vec3> {
         let step = self.settings.step_mm as f32;
         let near_root = head.arc < self.settings.root_mm && self.mode == Mode::Robust;
         let Some(here) = here else {
@@ -402,7 +367,7 @@ impl Grower<'_> {
             return Some(back.unwrap_or(head.direction));
         };
         let middle = head.at + here.direction * (0.5 * step);
-        let midpoint = self.field.at(middle, self.facing(head, normal, guide)).unwrap_or(here);
+        let midpoint = self.field.at(middle, self.facing(head, normal, carried)).unwrap_or(here);
         if head.arc == 0.0 && self.mode == Mode::Paper {
             return Some(normal);
         }
@@ -417,7 +382,7 @@ impl Grower<'_> {
         if self.mode == Mode::Paper {
             return Some(midpoint.direction);
         }
-        if self.aim(head, guide).is_some() {
+        if self.aim(head, carried).is_some() {
             // Where the lines do not agree the carried strand leads on.
             let doubt = (1.0 - midpoint.purity / self.settings.min_purity.max(1e-6)).clamp(0.0, 1.0);
             let inertia = self.settings.inertia + (1.0 - self.settings.inertia) * doubt;
@@ -455,10 +420,4 @@ fn turned_at_most(from: Vec3, to: Vec3, most: f32) -> Vec3 {
         Some(side) if cosine < most.cos() => from * most.cos() + side * most.sin(),
         _ => to,
     }
-}
-
-/// The mean distance of a strand from a carried one, point by point along both \[mm\].
-fn departure(strand: &[Vec3], carried: &[Vec3]) -> f32 {
-    let distance = |i: usize| strand.get(i).map_or(LOST_POINT_MM, |point| point.distance(carried[i]));
-    (0..carried.len()).map(distance).sum::<f32>() / carried.len().max(1) as f32
 }

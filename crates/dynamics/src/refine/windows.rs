@@ -82,8 +82,8 @@ pub fn refine_bundle<R: Kernels>(lanes: &[&Prepared], take: &Take, options: &Ref
         .collect()
 }
 
-/// Noise per coordinate at which samples and refinement count alike \[mm\]. Strands without noise keep their samples;
-/// strands that were followed from frame to frame have 0.2 mm of it, and what they err by is not noise.
+/// Noise per coordinate at which samples and refinement count alike \[mm\]. Strands without noise keep their samples; those
+/// that were followed from frame to frame have little of it, and what they err by is not noise.
 const FAITHFUL_NOISE_MM: f64 = 0.12;
 
 /// The share of the frames in which a particle has a sample. Where samples come and go, keeping them makes a strand shake.

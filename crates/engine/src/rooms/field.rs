@@ -69,7 +69,10 @@ pub mod motion {
         need_grid(needs)?;
         need_scalp(needs)?;
         lift::need_maps(job, frame, needs)?;
-        needs.item(&item.key("field/field"), &[&format!("field/{frame:06}/voxel")])?;
+        needs.item(
+            &item.key("field/field"),
+            &[&format!("field/{frame:06}/voxel"), &format!("field/{frame:06}/direction")],
+        )?;
         let frames = before(job, frame).into_iter().chain([frame]);
         need_pose(job, frames.clone(), needs)?;
         for frame in frames {

@@ -19,6 +19,7 @@ use rayon::prelude::*;
 use strandflow_core::{Camera, Mask, Occupancy, Plane, RgbImage, Rig, RigidTransform, SparseVoxels};
 use strandflow_geometry::project::{project, ray};
 use strandflow_image::{
+    colour::luma_of,
     filter::{gaussian, gaussian_where, gradients},
     region::Region,
     sample::bilinear,
@@ -179,9 +180,11 @@ impl<'a> View<'a> {
         let (view, region) = (self.view, self.region);
         let now = Normalised::new(input.images[view], input.hairs[view], region, scale);
         let before = Normalised::new(input.images_before[view], input.hairs_before[view], region, scale);
-        let expected = |shown: &Shown| before_from_now.point(shown.point) + back[shown.rank as usize].as_dvec3();
-        let pixels: Vec<Option<(DVec3, DVec2)>> =
-            self.shown.iter().map(|shown| Some((expected(shown), project(self.camera, expected(shown))?))).collect();
+        let expected = |shown: &Shown| {
+            let point = before_from_now.point(shown.point) + back[shown.rank as usize].as_dvec3();
+            Some((point, project(self.camera, point)?))
+        };
+        let pixels: Vec<Option<(DVec3, DVec2)>> = self.shown.iter().map(expected).collect();
         let pooled = self.pooled(input.maps[view], &now, &before, &pixels);
         let equations = |(shown, at): (&Shown, &Option<(DVec3, DVec2)>)| {
             let (point, pixel) = (*at)?;
@@ -266,7 +269,7 @@ struct Normalised {
 
 impl Normalised {
     fn new(image: &RgbImage, hair: &Mask, region: Region, scale: f32) -> Self {
-        let luma = region.crop(image, |c| 0.299 * f32::from(c[0]) + 0.587 * f32::from(c[1]) + 0.114 * f32::from(c[2]));
+        let luma = region.crop(image, |&colour| luma_of(colour));
         let hair = region.crop(hair, |&m| if m >= 128 { 1.0 } else { 0.0 });
         let around = AROUND_PX.max(3.0 * scale);
         let mean = gaussian_where(&luma, &hair, around);
