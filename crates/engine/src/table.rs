@@ -159,7 +159,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "smooth",
         summary: "strands resampled, smoothed and trimmed",
-        version: 3,
+        version: 4,
         has_modes: true,
         settings: settings_of!(smooth),
         phases: &[
@@ -171,7 +171,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "fit",
         summary: "strands explained by simulation",
-        version: 8,
+        version: 9,
         has_modes: true,
         settings: settings_of!(fit),
         phases: &[phase!("fit/fit", Block, Frames, rooms::fit)],

@@ -19,7 +19,8 @@ pub struct SmoothSettings {
     pub smoothness: f64,
     /// What eq. 2 penalises. The printed form smooths nothing (see `strandflow_dynamics::eq2`).
     pub reading: Reading,
-    /// The particle count of a strand is this quantile of its counts over the frames that have it (robust mode).
+    /// The particle count of a strand is this quantile of its counts over the frames that have it (robust mode). Particles
+    /// that most frames lack are simulated without anything to go by, and stray.
     pub count_quantile: f64,
     /// A strand present in a smaller share of the frames is left to completion (robust mode).
     pub least_presence: f64,
@@ -36,7 +37,7 @@ impl Default for SmoothSettings {
             edge_mm: 5.0,
             smoothness: 0.5,
             reading: Reading::Curvature,
-            count_quantile: 0.75,
+            count_quantile: 0.5,
             least_presence: 0.3,
             least_particles: 6,
             outgrown: 1.25,

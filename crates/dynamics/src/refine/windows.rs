@@ -86,12 +86,6 @@ pub fn refine_bundle<R: Kernels>(lanes: &[&Prepared], take: &Take, options: &Ref
 /// that were followed from frame to frame have little of it, and what they err by is not noise.
 const FAITHFUL_NOISE_MM: f64 = 0.12;
 
-/// The share of the frames in which a particle has a sample. Where samples come and go, keeping them makes a strand shake.
-fn presence(weights: &[f64], n: usize, i: usize) -> f64 {
-    let present = weights.iter().skip(i).step_by(n).filter(|&&w| w > 0.0).count();
-    present as f64 / (weights.len() / n).max(1) as f64
-}
-
 /// Adds back what the samples say consistently over time against the simulation, in head space.
 fn add_structure<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Take, x: &mut [V3<R>]) {
     let n = bundle.n;
@@ -106,8 +100,7 @@ fn add_structure<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Tak
         let structure = filter::structure(&residuals, &p.weights, m);
         let faith = 1.0 / (1.0 + (p.noise_mm / FAITHFUL_NOISE_MM).powi(4));
         let faithful = filter::continued(&residuals, &p.weights, m);
-        let presence: Vec<f64> = (0..m).map(|i| presence(&p.weights, m, i)).collect();
-        let correction = |e: usize| structure[e].lerp(faithful[e], faith * presence[e % m].powi(4));
+        let correction = |e: usize| structure[e].lerp(faithful[e], faith);
         let mut corrected: Vec<DVec3> = (0..head.len()).map(|e| head[e] + correction(e)).collect();
         filter::settle_ends(&mut corrected, m, 1.0 - faith);
         for t in 0..bundle.frames {
