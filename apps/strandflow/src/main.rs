@@ -2,6 +2,8 @@
 //!
 //! stdout is data, stderr is talk. Exit codes: 0 done, 1 failed, 2 bad usage or bad input.
 
+mod animate;
+mod animate_score;
 mod args;
 mod bench;
 mod capture_files;
@@ -42,6 +44,7 @@ fn main() -> ExitCode {
         Command::Status(args) => status::status(&args),
         Command::Evaluate(args) => evaluate::evaluate(&args),
         Command::Export(args) => export::export(&args),
+        Command::Animate(args) => animate::animate(&args),
         Command::Overlay(args) => overlay::overlay(&args),
         Command::Synth(args) => synth::synth(&args),
         Command::Demo(args) => demo::demo(&args),

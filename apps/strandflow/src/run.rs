@@ -42,7 +42,7 @@ fn options(args: &RunArgs) -> Result<RunOptions, Failed> {
 }
 
 /// The first Ctrl-C stops between items; the second ends the program, which costs the items in flight and no more.
-fn stop_on_ctrl_c() -> Arc<AtomicBool> {
+pub fn stop_on_ctrl_c() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let seen = stop.clone();
     let handler = move || {

@@ -8,6 +8,7 @@ pub mod band;
 pub mod bench;
 pub mod counted;
 pub mod derivative;
+pub mod driven;
 pub mod exact;
 pub mod fused;
 pub mod kernels;

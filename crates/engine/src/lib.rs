@@ -4,8 +4,10 @@
 //! - [`take`] and [`read`]: a take opened, and its results as types of the vocabulary.
 //! - [`table`]: the thirteen stages; [`rooms`]: how each loads, computes and stores.
 //! - [`store`]: Zarr arrays and the records of finished items; [`needs`]: what a result rests on.
+//! - [`performance`] and [`animation`]: the captured motion by itself, and other grooms driven by it.
 //! - [`run`](mod@run), [`status`](mod@status), [`events`]: the executor, what it finds, what it tells.
 
+pub mod animation;
 pub mod disk;
 pub mod error;
 pub mod events;
@@ -15,6 +17,7 @@ pub mod item;
 pub mod manifest;
 pub mod memory;
 pub mod needs;
+pub mod performance;
 pub mod plan;
 pub mod read;
 pub mod rooms;
@@ -34,6 +37,7 @@ pub use events::{Event, Outcome};
 pub use item::{Item, Kind};
 pub use manifest::Manifest;
 pub use needs::Needs;
+pub use performance::Performance;
 pub use plan::Plan;
 pub use run::{RunOptions, Summary, run};
 pub use settings::Settings;

@@ -11,10 +11,69 @@ use strandflow_stages::{
     field::FieldVoxel, lift::Line, masks::Masks, orient::OrientationMap, pose::HeadPoses, prune::Pruned, scalp::Scalp,
 };
 
-use crate::{EngineError, Take, store::Element};
+use crate::{
+    EngineError, Take,
+    store::{Element, Store},
+};
 
 /// One turn of an angle in `orient/angle` is 65536 steps of π.
 pub(crate) const ANGLE_STEPS: f32 = 65536.0;
+
+/// What can be read without the user's files.
+impl Store {
+    /// The take's grid.
+    ///
+    /// # Errors
+    /// `Store` where it is not there; the same for all readers below.
+    pub fn read_grid(&self) -> Result<Grid, EngineError> {
+        let origin: Vec<f64> = self.read_all("hull/grid/origin")?;
+        let voxel: Vec<f64> = self.read_all("hull/grid/voxel_mm")?;
+        let dims: Vec<u32> = self.read_all("hull/grid/dims")?;
+        let dims = [dims[0] as usize, dims[1] as usize, dims[2] as usize];
+        Ok(Grid { origin: DVec3::from_slice(&origin), voxel_mm: voxel[0], dims })
+    }
+
+    /// Hull of a frame.
+    pub fn read_hull(&self, frame: usize) -> Result<Occupancy, EngineError> {
+        let grid = self.read_grid()?;
+        let [nx, ny, nz] = grid.dims;
+        let samples: Vec<u8> = self.read("hull/occupancy", &[frame..frame + 1, 0..nz, 0..ny, 0..nx])?;
+        let mut occupancy = Occupancy::empty(grid);
+        for (word, bits) in occupancy.words.iter_mut().zip(samples.chunks(64)) {
+            *word = bits.iter().enumerate().fold(0, |w, (i, &bit)| w | u64::from(bit != 0) << i);
+        }
+        Ok(occupancy)
+    }
+
+    /// The head's motion in the `t`-th frame of the take.
+    pub fn read_pose(&self, t: usize) -> Result<RigidTransform, EngineError> {
+        let rows: Vec<f64> = self.read("pose/world_from_head", &[t..t + 1, 0..4, 0..4])?;
+        Ok(transform_from_slice(&rows))
+    }
+
+    /// The scalp and its roots.
+    pub fn read_scalp(&self) -> Result<Scalp, EngineError> {
+        let vectors = |path: &str| -> Result<Vec<DVec3>, EngineError> {
+            Ok(self.read_all::<f64>(path)?.chunks_exact(3).map(DVec3::from_slice).collect())
+        };
+        let faces: Vec<u32> = self.read_all("scalp/faces")?;
+        let faces = faces.chunks_exact(3).map(|f| [f[0], f[1], f[2]]).collect();
+        let mesh = TriMesh { vertices: vectors("scalp/vertices")?, faces };
+        Ok(Scalp { mesh, roots: vectors("scalp/roots")?, normals: vectors("scalp/normals")? })
+    }
+
+    /// The velocity field of a frame \[mm/s\].
+    pub fn read_flow(&self, frame: usize) -> Result<SparseVoxels<Vec3>, EngineError> {
+        let indices: Vec<u32> = self.ragged(&format!("flow/{frame:06}/voxel"))?;
+        let velocity: Vec<f32> = self.ragged(&format!("flow/{frame:06}/velocity"))?;
+        let values = velocity.chunks_exact(3).map(Vec3::from_slice).collect();
+        Ok(SparseVoxels { grid: self.read_grid()?, values, indices })
+    }
+
+    fn ragged<T: Element>(&self, path: &str) -> Result<Vec<T>, EngineError> {
+        if self.shape(path)?.first() == Some(&0) { Ok(Vec::new()) } else { self.read_all(path) }
+    }
+}
 
 impl Take {
     /// Masks of one view and frame.
@@ -55,23 +114,12 @@ impl Take {
 
     /// The take's grid.
     pub fn read_grid(&self) -> Result<Grid, EngineError> {
-        let origin: Vec<f64> = self.store().read_all("hull/grid/origin")?;
-        let voxel: Vec<f64> = self.store().read_all("hull/grid/voxel_mm")?;
-        let dims: Vec<u32> = self.store().read_all("hull/grid/dims")?;
-        let dims = [dims[0] as usize, dims[1] as usize, dims[2] as usize];
-        Ok(Grid { origin: DVec3::from_slice(&origin), voxel_mm: voxel[0], dims })
+        self.store().read_grid()
     }
 
     /// Hull of a frame.
     pub fn read_hull(&self, frame: usize) -> Result<Occupancy, EngineError> {
-        let grid = self.read_grid()?;
-        let [nx, ny, nz] = grid.dims;
-        let samples: Vec<u8> = self.store().read("hull/occupancy", &[frame..frame + 1, 0..nz, 0..ny, 0..nx])?;
-        let mut occupancy = Occupancy::empty(grid);
-        for (word, bits) in occupancy.words.iter_mut().zip(samples.chunks(64)) {
-            *word = bits.iter().enumerate().fold(0, |w, (i, &bit)| w | u64::from(bit != 0) << i);
-        }
-        Ok(occupancy)
+        self.store().read_hull(frame)
     }
 
     /// Marker tracks and head poses; frame `lead.start + t` at index `t`.
@@ -101,20 +149,12 @@ impl Take {
 
     /// The head's motion in a frame.
     pub fn read_pose(&self, frame: usize) -> Result<RigidTransform, EngineError> {
-        let t = frame.saturating_sub(self.frames().start);
-        let rows: Vec<f64> = self.store().read("pose/world_from_head", &[t..t + 1, 0..4, 0..4])?;
-        Ok(transform_from_slice(&rows))
+        self.store().read_pose(frame.saturating_sub(self.frames().start))
     }
 
     /// The scalp and its roots.
     pub fn read_scalp(&self) -> Result<Scalp, EngineError> {
-        let vectors = |path: &str| -> Result<Vec<DVec3>, EngineError> {
-            Ok(self.store().read_all::<f64>(path)?.chunks_exact(3).map(DVec3::from_slice).collect())
-        };
-        let faces: Vec<u32> = self.store().read_all("scalp/faces")?;
-        let faces = faces.chunks_exact(3).map(|f| [f[0], f[1], f[2]]).collect();
-        let mesh = TriMesh { vertices: vectors("scalp/vertices")?, faces };
-        Ok(Scalp { mesh, roots: vectors("scalp/roots")?, normals: vectors("scalp/normals")? })
+        self.store().read_scalp()
     }
 
     /// Observed lines of a frame.
@@ -159,14 +199,11 @@ impl Take {
 
     /// The velocity field of a frame \[mm/s\].
     pub fn read_flow(&self, frame: usize) -> Result<SparseVoxels<Vec3>, EngineError> {
-        let indices: Vec<u32> = self.ragged(&format!("flow/{frame:06}/voxel"))?;
-        let velocity: Vec<f32> = self.ragged(&format!("flow/{frame:06}/velocity"))?;
-        let values = velocity.chunks_exact(3).map(Vec3::from_slice).collect();
-        Ok(SparseVoxels { grid: self.read_grid()?, values, indices })
+        self.store().read_flow(frame)
     }
 
     fn ragged<T: Element>(&self, path: &str) -> Result<Vec<T>, EngineError> {
-        if self.store().shape(path)?.first() == Some(&0) { Ok(Vec::new()) } else { self.store().read_all(path) }
+        self.store().ragged(path)
     }
 
     /// Strands of a frame after `grow`, `prune` or `smooth` (before trimming), numbered like the roots.

@@ -7,6 +7,7 @@
 pub mod error;
 pub mod mode;
 
+pub mod animate;
 pub mod blend;
 pub mod field;
 pub mod fit;

@@ -41,7 +41,7 @@ impl DType {
 /// One array, or one array a frame where the path holds `FRAME`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ArraySpec {
-    /// Path in the store; `FRAME` stands for the six digits of a frame.
+    /// Path in the store; `FRAME` stands for the six digits of a frame, `NAME` for the name of an animation.
     pub path: &'static str,
     /// Number type.
     pub dtype: DType,
@@ -77,6 +77,7 @@ const STRANDS: &str = "512 strands of one frame";
 const BLOCK: &str = "512 strands";
 
 const NUMBERS_OF_PROVENANCE: &str = "0 missing, 1 observed, 2 diffused, 3 simulated, 4 completed";
+const ANIMATED: &str = "world position of a groom driven by the captured motion, root first; NaN past its end";
 const CONFIDENCE: &str = "trust 0 to 1, times 255";
 const POSITION: &str = "world position, root first; NaN where there is no point";
 const COUNTS: &str = "particles of the strand in every frame; 0: the strand is absent";
@@ -230,6 +231,15 @@ pub const ARRAYS: &[ArraySpec] = &[
     spec("blend/provenance", (U8, "1"), SAMPLES, STRANDS, NUMBERS_OF_PROVENANCE),
     spec("blend/confidence", (U8, "1/255"), SAMPLES, STRANDS, CONFIDENCE),
     spec("blend/counts", (U16, "points"), &["frame", "strand"], PER_FRAME, "particles of the strand in this frame"),
+    spec("animate/NAME/points", (F32, "mm"), POINTS, STRANDS, ANIMATED),
+    spec(
+        "animate/NAME/own",
+        (F32, "mm/s"),
+        POINTS,
+        STRANDS,
+        "velocity beside the field's, from which the next frame goes on",
+    ),
+    spec("animate/NAME/counts", (U16, "points"), &["strand"], PER_TAKE, "particles of the strand of the groom"),
 ];
 
 /// The description of an array by its path in the store.
@@ -239,6 +249,7 @@ pub fn spec_of(path: &str) -> Option<&'static ArraySpec> {
         loop {
             match (wanted.next(), found.next()) {
                 (None, None) => return true,
+                (Some("NAME"), Some(name)) if !name.is_empty() => {}
                 (Some("FRAME"), Some(digits)) if digits.len() == 6 && digits.bytes().all(|b| b.is_ascii_digit()) => {}
                 (Some(a), Some(b)) if a == b => {}
                 _ => return false,

@@ -1,0 +1,211 @@
+//! `strandflow animate`: another groom driven by the captured motion.
+
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+use indicatif::{ProgressBar, ProgressStyle};
+use strandflow_core::RigidTransform;
+use strandflow_engine::{
+    EngineError, Performance,
+    animation::{AnimationPlan, AnimationSummary, FieldOf, animate as make},
+};
+use strandflow_eval::truth::{self, Truth};
+use strandflow_geometry::icp::Similarity;
+use strandflow_stages::animate::{Alignment, AnimateSettings, Timeline};
+
+use crate::{
+    animate_score::{Reference, compare, field_of_truth},
+    args::AnimateArgs,
+    failure::Failed,
+    foreign, run,
+    stdout::print,
+};
+
+pub fn animate(args: &AnimateArgs) -> Result<(), Failed> {
+    let performance = Performance::open(&args.take)?;
+    let truth = args.truth.as_deref().map(truth::read).transpose().map_err(|error| {
+        Failed::input(error.to_string(), "give the gt/ folder of the capture that the take was made from")
+    })?;
+    let timeline = timeline(args, &performance)?;
+    let groom = groom(args, &performance, truth.as_ref(), timeline.first)?;
+    let own = is(&args.groom, "captured") || is(&args.groom, "truth");
+    let name = args
+        .name
+        .clone()
+        .unwrap_or_else(|| args.groom.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default());
+    let true_field = |frame: usize| field_of_truth(truth.as_ref(), &performance, frame);
+    let plan = AnimationPlan {
+        name: &name,
+        groom: &groom,
+        alignment: alignment(args, own)?,
+        fitted_springs: args.fitted_springs,
+        timeline,
+        field: args.true_field.then_some(("of the truth", &true_field as FieldOf)),
+        settings: settings(args),
+    };
+    let stop = run::stop_on_ctrl_c();
+    let bar = progress(timeline.frames);
+    let work = || make(&performance, &plan, &stop, &|k| bar.set_position(k as u64 + 1));
+    let summary = in_pool(args.threads, work)?;
+    bar.finish_and_clear();
+    let reference = match (&truth, own) {
+        (Some(truth), _) if is(&args.groom, "truth") => Some(Reference::Truth(truth)),
+        (_, true) => Some(Reference::Captured(&performance)),
+        _ => None,
+    };
+    let scores = match reference {
+        Some(reference) if !summary.interrupted && timeline.speed == 1.0 => {
+            Some(compare(&performance, &name, &timeline, &reference)?)
+        }
+        _ => None,
+    };
+    if args.json {
+        let text = serde_json::json!({ "animation": name, "summary": summary, "scores": scores });
+        print(&format!("{text:#}\n"))?;
+    } else {
+        eprint!("{}", words(&name, &summary));
+        scores.iter().for_each(|scores| eprint!("{scores}"));
+    }
+    if summary.interrupted {
+        let hint = "run the same command again to go on; nothing is lost".into();
+        return Err(Failed { error: "stopped".into(), hint, input: false });
+    }
+    Ok(())
+}
+
+fn is(path: &Path, word: &str) -> bool {
+    path == Path::new(word)
+}
+
+fn timeline(args: &AnimateArgs, performance: &Performance) -> Result<Timeline, Failed> {
+    let frames = args.frames.unwrap_or(performance.frames());
+    if frames.is_empty() || !(args.speed > 0.0 && args.speed <= 10.0) {
+        let error = format!("--frames {frames} --speed {}: nothing to show", args.speed);
+        return Err(Failed::input(error, "give frames A..B of the take and a speed above 0, up to 10"));
+    }
+    let once = Timeline::once(frames.start, frames.end - 1, args.speed);
+    Ok(args.length.map_or(once, |frames| Timeline { frames: frames.max(1), ..once }))
+}
+
+fn settings(args: &AnimateArgs) -> AnimateSettings {
+    let default = AnimateSettings::default();
+    AnimateSettings {
+        driven: !args.undriven,
+        follow_secs: args.follow.unwrap_or(default.follow_secs),
+        amplitude: args.amplitude,
+        stiffness: args.stiffness,
+        damping: args.damping,
+        drag: args.drag.unwrap_or(default.drag),
+        variation: args.variation,
+        seed: args.seed,
+        ..default
+    }
+}
+
+/// The strands to animate, in millimetres of their own space.
+fn groom(
+    args: &AnimateArgs,
+    performance: &Performance,
+    truth: Option<&Truth>,
+    first: usize,
+) -> Result<Vec<Vec<DVec3>>, Failed> {
+    if is(&args.groom, "captured") {
+        return Ok(performance.strands("blend", first)?);
+    }
+    if is(&args.groom, "truth") {
+        let lacking = || Failed::input("--groom truth", format!("give --truth DIR, with frame {first}"));
+        let truth = truth.ok_or_else(lacking)?;
+        let t = truth.at(first as u32).ok_or_else(lacking)?;
+        let strand = |n: usize| truth.strand(t, n).iter().map(|p| p.as_dvec3()).collect();
+        return Ok((0..truth.strand_count()).map(strand).collect());
+    }
+    let scale = args.scale.unwrap_or(1.0);
+    if !(scale.is_finite() && scale > 0.0) {
+        return Err(Failed::input(format!("--scale {scale}"), "give the millimetres of a unit: 10 for centimetres"));
+    }
+    let sequence = foreign::read(&args.groom)?;
+    let points = |n: usize| {
+        let strand = sequence.strand(0, n).iter().map(|p| p.as_dvec3() * scale);
+        // Missing points are not numbers; what lies behind the first of them cannot be told from them.
+        strand.take_while(|p| !sequence_is_missing(p)).collect()
+    };
+    Ok((0..sequence.strand_count).map(points).collect())
+}
+
+/// A point that a sequence of strands of differing lengths is padded with; a single broken coordinate is not.
+fn sequence_is_missing(point: &DVec3) -> bool {
+    point.x.is_nan() && point.y.is_nan() && point.z.is_nan()
+}
+
+fn alignment(args: &AnimateArgs, own: bool) -> Result<Alignment, Failed> {
+    if args.as_given || (own && args.transform.is_none()) {
+        return Ok(Alignment::AsGiven);
+    }
+    match &args.transform {
+        Some(file) => Ok(Alignment::Given(read_transform(file)?)),
+        None => Ok(Alignment::Find),
+    }
+}
+
+/// Four rows of four numbers: a rotation times a scale, and a translation \[mm\].
+fn read_transform(file: &Path) -> Result<Similarity, Failed> {
+    let wrong = |fact: &str| {
+        let hint = "write 4 rows of 4 numbers: rotation times scale, translation in mm; 0 0 0 1 last";
+        Failed::input(format!("{}: {fact}", file.display()), hint)
+    };
+    let text = std::fs::read_to_string(file).map_err(|error| wrong(&error.to_string()))?;
+    let words = text.split(|c: char| c.is_whitespace() || ",[]".contains(c)).filter(|word| !word.is_empty());
+    let numbers: Vec<f64> =
+        words.map(str::parse).collect::<Result<_, _>>().map_err(|_| wrong("holds a word that is no number"))?;
+    let [a, b, c, x, d, e, f, y, g, h, i, z, ..] = numbers[..] else {
+        return Err(wrong("holds fewer than 12 numbers"));
+    };
+    let linear = DMat3::from_cols(DVec3::new(a, d, g), DVec3::new(b, e, h), DVec3::new(c, f, i));
+    let scale = linear.determinant().cbrt();
+    let rotation = linear * (1.0 / scale);
+    let off = rotation * rotation.transpose() - DMat3::IDENTITY;
+    let skewed = off.to_cols_array().iter().fold(0.0f64, |most, v| most.max(v.abs()));
+    if !(numbers.iter().all(|v| v.is_finite()) && scale > 0.0 && skewed < 1e-3) {
+        return Err(wrong("is no rotation, scale and translation"));
+    }
+    Ok(Similarity { scale, rigid: RigidTransform { rotation, translation: DVec3::new(x, y, z) } })
+}
+
+fn in_pool<T: Send>(threads: Option<usize>, work: impl FnOnce() -> Result<T, EngineError> + Send) -> Result<T, Failed> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build();
+    let pool = pool.map_err(|error| Failed { error: error.to_string(), hint: String::new(), input: false })?;
+    Ok(pool.install(work)?)
+}
+
+fn progress(frames: usize) -> ProgressBar {
+    let template = "{prefix:<15} {bar:20} {pos:>5}/{len:<5} {per_sec:>12} {eta:>8} left";
+    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    let bar = ProgressBar::new(frames as u64).with_prefix("animate").with_style(style);
+    bar.enable_steady_tick(std::time::Duration::from_millis(250));
+    bar
+}
+
+fn words(name: &str, s: &AnimationSummary) -> String {
+    let peak = s.peak_mb.map_or_else(String::new, |mb| format!(", peak {mb:.0} MB"));
+    let mut text = format!(
+        "animation {name}: {} strands, {} particles; roots {:.1} mm from the scalp (rms, worst {:.1}), scale {:.3}\n\
+         {} frames made, {} found; {:.2} s a frame, of which {:.2} s simulation{peak}\n\
+         strands in the head: {}; change of length: {:.2} % on average, {:.1} % at most\n",
+        s.strands,
+        s.particles,
+        s.roots_rms_mm,
+        s.roots_worst_mm,
+        s.scale,
+        s.made,
+        s.found,
+        s.secs_a_frame,
+        s.simulation_secs_a_frame,
+        s.in_head,
+        100.0 * s.length_change_mean,
+        100.0 * s.length_change_most,
+    );
+    for finding in &s.findings {
+        text += &format!("  {}: {}; {}\n", finding.place, finding.fact, finding.consequence);
+    }
+    text
+}
