@@ -9,7 +9,10 @@ pub mod error;
 pub mod exr_image;
 pub mod image_file;
 pub mod markers;
+pub mod root_uv;
+pub mod scene;
 pub mod source;
+pub mod space;
 pub mod strands;
 pub mod usd;
 pub mod whole_file;
@@ -18,7 +21,9 @@ pub use calibration::{Calibration, read_calibration, rig_for_views};
 pub use error::{At, IoError};
 pub use image_file::{read_mask, read_rgb, write_mask_png, write_rgb_png};
 pub use markers::{LabelledMarker, MarkerLabels, read_marker_labels};
+pub use scene::SceneOptions;
 pub use source::{SourceInfo, TakeSource, ViewInput, probe};
+pub use space::{Carrier, Space, Target, Up};
 pub use strands::{
     Interchange, InterchangeFrame, StrandFrames,
     hair::{read_hair, write_hair},
@@ -26,5 +31,5 @@ pub use strands::{
     ply::write_ply,
     usc_data::{read_usc_data, write_usc_data},
 };
-pub use usd::{UsdOptions, write_usd};
+pub use usd::write_usd;
 pub use whole_file::write_bytes;

@@ -131,6 +131,20 @@ impl<'a> Interchange<'a> {
         self.strands.iter().map(|&n| u32::from(self.source.counts()[n as usize])).collect()
     }
 
+    /// The roots in the `t`-th frame, world \[mm\]; none where there is no frame.
+    ///
+    /// # Errors
+    /// As [`Interchange::frame`].
+    pub fn roots(&self, t: usize) -> Result<Vec<Vec3>, IoError> {
+        let frame = if t < self.frames().len() { self.frame(t)? } else { return Ok(Vec::new()) };
+        let starts = self.counts().into_iter().scan(0, |next, count| {
+            let start = *next;
+            *next += count as usize;
+            Some(start)
+        });
+        Ok(starts.map(|start| frame.points[start]).collect())
+    }
+
     /// The `t`-th frame.
     ///
     /// # Errors
@@ -222,6 +236,23 @@ fn finite(x: f32) -> f32 {
 #[cfg(test)]
 pub(crate) fn python() -> std::ffi::OsString {
     std::env::var_os("STRANDFLOW_PYTHON").unwrap_or_else(|| "python3".into())
+}
+
+/// What a script says that gets a path as its argument; `None`, with a line that says so, where Python or the foreign reader
+/// is not installed.
+#[cfg(test)]
+pub(crate) fn ask_python(script: &str, path: &std::path::Path) -> Option<String> {
+    let Ok(out) = std::process::Command::new(python()).args(["-c", script]).arg(path).output() else {
+        println!("skipped: no Python 3");
+        return None;
+    };
+    let errors = String::from_utf8_lossy(&out.stderr);
+    if errors.contains("No module named") {
+        println!("skipped: {}", errors.trim().lines().last().unwrap_or_default());
+        return None;
+    }
+    assert!(out.status.success(), "{}: {errors}", path.display());
+    Some(String::from_utf8_lossy(&out.stdout).into_owned())
 }
 
 /// A small sequence with a short strand, an absent one, gaps in a strand and gaps in time, for the tests of the formats.

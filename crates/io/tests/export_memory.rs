@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use strandflow_core::{Provenance, StrandSequence};
-use strandflow_io::{Interchange, IoError, StrandFrames, UsdOptions, write_npz, write_ply, write_usd};
+use strandflow_io::{Interchange, IoError, StrandFrames, SceneOptions, write_npz, write_ply, write_usd};
 
 const STRANDS: usize = 1000;
 const POINTS: usize = 40;
@@ -62,7 +62,7 @@ fn long_takes_are_written_a_few_frames_at_a_time() {
     let before = peak_mb().unwrap();
     write_npz(&dir.path().join("a.npz"), &strands, &[]).unwrap();
     let npz = peak_mb().unwrap() - before;
-    write_usd(&dir.path().join("a.usdc"), &strands, &UsdOptions::default()).unwrap();
+    write_usd(&dir.path().join("a.usdc"), &strands, &SceneOptions::default()).unwrap();
     let usd = peak_mb().unwrap() - before;
     let interchange = Interchange::new(&strands).unwrap();
     (0..FRAMES).step_by(10).for_each(|t| write_ply(&dir.path().join("a.ply"), &interchange, t).unwrap());
