@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use strandflow_core::{Provenance, StrandSequence};
-use strandflow_io::{Interchange, IoError, StrandFrames, SceneOptions, write_npz, write_ply, write_usd};
+use strandflow_io::{Interchange, IoError, SceneOptions, StrandFrames, write_npz, write_ply, write_usd};
 
 const STRANDS: usize = 1000;
 const POINTS: usize = 40;
