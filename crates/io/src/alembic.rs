@@ -3,8 +3,8 @@
 //! | object | holds |
 //! |---|---|
 //! | `/hair` | a transform that does nothing; user properties `groom_version_major` 1, `groom_version_minor` 4, `groom_tool` |
-//! | `/hair/strands` | linear curves, root first; `groom_guide` 0 |
-//! | `/hair/guides` | where guides are given: their curves again; `groom_guide` 1 |
+//! | `/hair/strands/strands` | linear curves, root first; `groom_guide` 0 |
+//! | `/hair/guides/guides` | where guides are given: their curves again; `groom_guide` 1 |
 //!
 //! Both are of group 0 (`groom_group_id`): Unreal's importer puts every curve with `groom_guide` 1 among the guides of its
 //! group, whatever object it is in. `groom_id` is the strand's number in the take; ids of guides go on after the largest of

@@ -37,13 +37,13 @@ pub struct VdbOptions {
     pub gravity: Option<DVec3>,
     /// Unit and axes of the file.
     pub space: Space,
-    /// Whether values are zipped.
+    /// Whether values are zipped. The velocities of a test take shrink by 6 % for ten times the time, so not by default.
     pub zip: bool,
 }
 
 impl Default for VdbOptions {
     fn default() -> Self {
-        Self { gravity: None, space: Space::default(), zip: true }
+        Self { gravity: None, space: Space::default(), zip: false }
     }
 }
 

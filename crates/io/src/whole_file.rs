@@ -6,7 +6,7 @@ use std::{
     path::Path,
 };
 
-use crate::IoError;
+use crate::{IoError, error::At};
 
 /// Why a file could not be finished: what is written to, or what is written.
 pub(crate) enum Unfinished {
@@ -68,6 +68,9 @@ pub fn write_folder<E: From<IoError>>(folder: &Path, write: impl FnOnce(&Path) -
         }
         std::fs::create_dir_all(&temporary)
     };
+    if folder.exists() && !folder.is_dir() {
+        return Err(IoError::content(folder, At::FILE, "is a file, not a folder", "give the name of a folder").into());
+    }
     let done = make().map_err(|cause| IoError::writing(folder)(cause).into()).and_then(|()| {
         write(&temporary)?;
         move_into(&temporary, folder).map_err(|cause| IoError::writing(folder)(cause).into())
@@ -115,6 +118,9 @@ mod tests {
         assert_eq!(std::fs::read(folder.join("0")).unwrap(), b"old");
         assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+        let file = folder.join("0");
+        let told = write_folder::<IoError>(&file, |_| Ok(())).unwrap_err();
+        assert!(told.to_string().contains("not a folder"), "{told}");
         write_folder::<IoError>(&folder, |to| write_bytes(&to.join("1"), b"new")).unwrap();
         assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 2);
     }

@@ -29,7 +29,7 @@ impl Timing {
     }
 }
 
-/// An object below `/hair` that is written but for its place in the tree.
+/// An object that is written but for its place in the tree.
 pub(super) struct Object {
     pub name: &'static str,
     pub metadata: &'static str,
@@ -70,9 +70,14 @@ impl Object {
 /// The metadata follows in full, rather than by number in the archive's table.
 const METADATA_INLINE: u8 = 0xff;
 
-/// Writes `/hair` over its curves, and the archive's tables.
+/// Writes `/hair` over the transforms of its curves, and the archive's tables.
 pub(super) fn finish(mut file: Ogawa, curves: Vec<Object>, timing: &Timing) -> Result<()> {
-    let hair = hair(&mut file, &curves)?;
+    // Importers name curves after the transform above them.
+    let mut parts = Vec::new();
+    for curves in curves {
+        parts.push(transform(&mut file, curves.name, Vec::new(), &[curves])?);
+    }
+    let hair = hair(&mut file, &parts)?;
     let top = Object::write(&mut file, ("ABC", ""), &[], &[hair])?;
     let format = file.data(&0i32.to_le_bytes())?;
     let library = file.data(&LIKE_LIBRARY.to_le_bytes())?;
@@ -85,7 +90,7 @@ pub(super) fn finish(mut file: Ogawa, curves: Vec<Object>, timing: &Timing) -> R
 }
 
 /// Properties of the whole groom belong on the first transform, as scalars.
-fn hair(file: &mut Ogawa, curves: &[Object]) -> Result<Object> {
+fn hair(file: &mut Ogawa, parts: &[Object]) -> Result<Object> {
     let tool = concat!("strandflow ", env!("CARGO_PKG_VERSION"), "\0");
     let user = vec![
         scalar(file, "groom_version_major", Pod::Int16, &1i16.to_le_bytes())?,
@@ -93,9 +98,14 @@ fn hair(file: &mut Ogawa, curves: &[Object]) -> Result<Object> {
         scalar(file, "groom_tool", Pod::Text, tool.as_bytes())?,
     ];
     let user = Property { name: ".userProperties", metadata: "", body: Body::Compound(user) };
-    let transform = Property { name: ".xform", metadata: "schema=AbcGeom_Xform_v3", body: Body::Compound(vec![user]) };
-    let kind = ("hair", "schema=AbcGeom_Xform_v3;schemaObjTitle=AbcGeom_Xform_v3:.xform");
-    Object::write(file, kind, &[transform], curves)
+    transform(file, "hair", vec![user], parts)
+}
+
+/// A transform that does nothing over some objects.
+fn transform(file: &mut Ogawa, name: &'static str, properties: Vec<Property>, children: &[Object]) -> Result<Object> {
+    let schema = Property { name: ".xform", metadata: "schema=AbcGeom_Xform_v3", body: Body::Compound(properties) };
+    let metadata = "schema=AbcGeom_Xform_v3;schemaObjTitle=AbcGeom_Xform_v3:.xform";
+    Object::write(file, (name, metadata), &[schema], children)
 }
 
 fn scalar(file: &mut Ogawa, name: &'static str, pod: Pod, bytes: &[u8]) -> Result<Property> {

@@ -17,7 +17,7 @@ user = AbcGeom.IXform(hair, Abc.WrapExistingFlag.kWrapExisting).getSchema().getU
 for name in ("groom_version_major", "groom_version_minor"):
     print(name, Abc.IInt16Property(user, name).getValue())
 print(Abc.IStringProperty(user, "groom_tool").getValue().split()[0])
-for child in hair.children:
+for child in (part.children[0] for part in hair.children):
     curves = AbcGeom.ICurves(child, Abc.WrapExistingFlag.kWrapExisting).getSchema()
     print(child.getName(), curves.getNumSamples(), str(curves.getTopologyVariance()))
     times = curves.getTimeSampling()
