@@ -7,15 +7,17 @@ use crate::{
     IoError,
     strands::{
         Interchange, StrandFrames,
-        choose::{farthest, least, squared_distance},
+        choose::{least, squared_distance},
     },
 };
 
 /// Guides and whom they stand for.
 ///
 /// Strands are clustered by where they are over time: positions at five places along the strand, root to tip, in up to eight
-/// frames. The cluster centres begin far apart and move to the means of their strands (Lloyd's method); the guide is the
-/// strand nearest to the mean. The same strands give the same guides.
+/// frames. The cluster centres begin at strands spread over all (k-means++ with a fixed sequence for chance) and move to the
+/// means of their strands (Lloyd's method); the guide is the strand nearest to the mean. The same strands give the same guides.
+///
+/// Reference: Arthur & Vassilvitskii 2007.
 #[derive(Clone, Debug)]
 pub struct Guides {
     /// The strands that are guides, rising.
@@ -44,7 +46,7 @@ impl Guides {
         let curves = Interchange::new(strands)?;
         let features = features(&curves)?;
         let rows: Vec<&[f32]> = features.values.chunks_exact(features.width.max(1)).collect();
-        let (mut guide_of, centres) = cluster(&features, &rows, count);
+        let (mut guide_of, centres) = cluster(&rows, count);
 
         // The strand of each cluster that is nearest to its centre; clusters that lost all their strands have none.
         let mut nearest: Vec<Option<(usize, f32)>> = vec![None; centres.len()];
@@ -105,10 +107,38 @@ fn features(curves: &Interchange) -> Result<Features, IoError> {
     Ok(Features { width, values })
 }
 
+/// Rows to begin with: each is drawn by the squared distance from those drawn before, which follows density and yet leaves
+/// nothing far off out. (The farthest rows would be the odd ones out: clusters of one strand.)
+fn seeds(rows: &[&[f32]], count: usize) -> Vec<usize> {
+    /// Multiples of the golden ratio's fraction fall evenly into the unit interval.
+    const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    let mut seeds = Vec::new();
+    let mut apart = vec![1.0f64; rows.len()];
+    while seeds.len() < count {
+        let total: f64 = apart.iter().sum();
+        // All rows are drawn, or equal to one that is.
+        if total <= 0.0 {
+            break;
+        }
+        let mut left = total * (GOLDEN * (seeds.len() + 1) as f64).fract();
+        let drawn = apart.iter().position(|d| {
+            left -= d;
+            *d > 0.0 && left < 0.0
+        });
+        let seed = drawn.unwrap_or_else(|| least(apart.iter().map(|d| -*d as f32)));
+        seeds.push(seed);
+        let first = seeds.len() == 1;
+        for (d, row) in apart.iter_mut().zip(rows) {
+            let away = f64::from(squared_distance::<LANES>(row, rows[seed]));
+            *d = if first { away } else { d.min(away) };
+        }
+    }
+    seeds
+}
+
 /// The cluster of each row, and the clusters' centres.
-fn cluster(features: &Features, rows: &[&[f32]], count: usize) -> (Vec<usize>, Vec<Vec<f32>>) {
-    let seeds = farthest::<LANES>(&features.values, features.width.max(1), count.max(1));
-    let mut centres: Vec<Vec<f32>> = seeds.iter().map(|&seed| rows[seed].to_vec()).collect();
+fn cluster(rows: &[&[f32]], count: usize) -> (Vec<usize>, Vec<Vec<f32>>) {
+    let mut centres: Vec<Vec<f32>> = seeds(rows, count.max(1)).iter().map(|&seed| rows[seed].to_vec()).collect();
     let nearest = |row: &&[f32], centres: &[Vec<f32>]| least(centres.iter().map(|c| squared_distance::<LANES>(row, c)));
     let mut cluster_of: Vec<usize> = rows.iter().map(|row| nearest(row, &centres)).collect();
     for _ in 0..ROUNDS {

@@ -21,11 +21,12 @@ for child in (part.children[0] for part in hair.children):
     curves = AbcGeom.ICurves(child, Abc.WrapExistingFlag.kWrapExisting).getSchema()
     print(child.getName(), curves.getNumSamples(), str(curves.getTopologyVariance()))
     times = curves.getTimeSampling()
+    at = lambda t: Abc.ISampleSelector(times.getSampleTime(t))
     print("times", [round(times.getSampleTime(i), 6) for i in range(curves.getNumSamples())])
-    sample = curves.getValue(Abc.ISampleSelector(2))
+    sample = curves.getValue(at(2))
     print("counts", list(sample.getCurvesNumVertices()), str(sample.getType()), str(sample.getWrap()), str(sample.getBasis()))
     for t in range(curves.getNumSamples()):
-        points = curves.getValue(Abc.ISampleSelector(t)).getPositions()
+        points = curves.getValue(at(t)).getPositions()
         print("points", len(points), [[round(x, 5) + 0.0 for x in (p.x, p.y, p.z)] for p in (points[0], points[len(points) - 1])])
     box = sample.getSelfBounds()
     print("bounds", [round(x, 3) for v in (box.min(), box.max()) for x in (v.x, v.y, v.z)])
@@ -40,7 +41,7 @@ for child in (part.children[0] for part in hair.children):
             if params.getPropertyHeader(name) is None:
                 continue
             param = kind(params, name)
-            values = param.getExpandedValue(Abc.ISampleSelector(2)).getVals()
+            values = param.getExpandedValue(at(2)).getVals()
             shown = [list(round(x, 3) for x in v) if hasattr(v, "__len__") else round(v, 6) for v in values]
             print(name, str(param.getScope()), param.getNumSamples(), shown)
 "#;
@@ -55,7 +56,7 @@ strands 3 kHomogenousTopology
 times [0.08, 0.1, 0.12]
 counts [5, 3, 4] kLinear kNonPeriodic kNoBasis
 points 12 [[0.0, 0.0, 0.05], [3.0, -1.5, 0.05]]
-points 12 [[0.0, 0.0, 0.25], [3.0, -1.5, 0.25]]
+points 12 [[0.0, 0.0, 0.15], [3.0, -1.5, 0.15]]
 points 12 [[0.0, 0.0, 0.25], [3.0, -1.5, 0.25]]
 bounds [-0.004, -1.504, 0.246, 3.004, 0.004, 0.254]
 width kConstantScope [0.008]
@@ -73,7 +74,7 @@ guides 3 kHomogenousTopology
 times [0.08, 0.1, 0.12]
 counts [5, 3] kLinear kNonPeriodic kNoBasis
 points 8 [[0.0, 0.0, 0.05], [2.0, -1.0, 0.05]]
-points 8 [[0.0, 0.0, 0.25], [2.0, -1.0, 0.25]]
+points 8 [[0.0, 0.0, 0.15], [2.0, -1.0, 0.05]]
 points 8 [[0.0, 0.0, 0.25], [2.0, -1.0, 0.25]]
 bounds [-0.004, -1.504, 0.246, 2.004, 0.004, 0.254]
 width kConstantScope [0.008]
