@@ -184,6 +184,7 @@ mod tests {
         let cards = Cards::new(Path::new("a"), &sequence, &guides, &SceneOptions::default()).unwrap();
         let of_frame = cards.of_frame(1).unwrap();
         assert_eq!(of_frame.len(), 16);
+        let mut widths = Vec::new();
         for card in &of_frame {
             let middle = |at: usize| (card.points[at][0] + card.points[at][1]) * 0.5;
             for at in 1..6 {
@@ -192,11 +193,13 @@ mod tests {
                 let [left, right] = card.points[at];
                 let below = if at < 5 { middle(at + 1) - middle(at) } else { middle(at) - middle(at - 1) };
                 assert!((right - left).cross(below).dot(outward) > 0.0, "the face's own normal points outward too");
-                // Ten strands at steps of 1.1 mm: 11 mm as a flat tuft.
-                assert!((3.0..16.0).contains(&left.distance(right)), "{}", left.distance(right));
+                widths.push(left.distance(right));
             }
             assert_eq!((card.uvs[0], card.uvs[5]), ([Vec2::ZERO, Vec2::X], [Vec2::Y, Vec2::ONE]));
         }
+        // Ten strands at steps of 1.1 mm, 11 mm as a flat tuft; clusters need not be the tufts one for one.
+        widths.sort_by(f32::total_cmp);
+        assert!((5.0..14.0).contains(&widths[widths.len() / 2]), "{widths:?}");
     }
 
     #[test]

@@ -107,33 +107,49 @@ fn features(curves: &Interchange) -> Result<Features, IoError> {
     Ok(Features { width, values })
 }
 
-/// Rows to begin with: each is drawn by the squared distance from those drawn before, which follows density and yet leaves
-/// nothing far off out. (The farthest rows would be the odd ones out: clusters of one strand.)
+/// Rows to begin with: drawn by the squared distance from those drawn before, which follows density and yet leaves nothing
+/// far off out. (The farthest rows would be the odd ones out: clusters of one strand.) Of a few drawn the one stays that
+/// leaves the smallest sum, so that two rows of one tuft are seldom drawn while another tuft has none.
 fn seeds(rows: &[&[f32]], count: usize) -> Vec<usize> {
-    /// Multiples of the golden ratio's fraction fall evenly into the unit interval.
-    const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    let tries = 2 + (count as f64).ln() as usize;
     let mut seeds = Vec::new();
-    let mut apart = vec![1.0f64; rows.len()];
-    while seeds.len() < count {
-        let total: f64 = apart.iter().sum();
-        // All rows are drawn, or equal to one that is.
-        if total <= 0.0 {
-            break;
-        }
-        let mut left = total * (GOLDEN * (seeds.len() + 1) as f64).fract();
-        let drawn = apart.iter().position(|d| {
-            left -= d;
-            *d > 0.0 && left < 0.0
-        });
-        let seed = drawn.unwrap_or_else(|| least(apart.iter().map(|d| -*d as f32)));
-        seeds.push(seed);
-        let first = seeds.len() == 1;
-        for (d, row) in apart.iter_mut().zip(rows) {
-            let away = f64::from(squared_distance::<LANES>(row, rows[seed]));
-            *d = if first { away } else { d.min(away) };
-        }
+    let mut chance = GoldenSteps(0.0);
+    let mut apart = vec![f64::MAX / rows.len().max(1) as f64; rows.len()];
+    // Where the sum is 0, all rows are drawn, or equal to one that is.
+    while seeds.len() < count && apart.iter().any(|d| *d > 0.0) {
+        let closer = |seed: usize| -> Vec<f64> {
+            let away = rows.iter().map(|row| f64::from(squared_distance::<LANES>(row, rows[seed])));
+            away.zip(&apart).map(|(away, d)| away.min(*d)).collect()
+        };
+        let drawn: Vec<usize> = (0..tries).map(|_| draw(&apart, chance.step())).collect();
+        let left: Vec<Vec<f64>> = drawn.iter().map(|&seed| closer(seed)).collect();
+        let best = least(left.iter().map(|left| left.iter().sum::<f64>() as f32));
+        seeds.push(drawn[best]);
+        apart = left.into_iter().nth(best).unwrap_or_default();
     }
     seeds
+}
+
+/// Multiples of the golden ratio's fraction fall evenly into the unit interval, and are the same every time.
+struct GoldenSteps(f64);
+
+impl GoldenSteps {
+    fn step(&mut self) -> f64 {
+        self.0 = (self.0 + 0.618_033_988_749_894_9).fract();
+        self.0
+    }
+}
+
+/// The item at a part of the weights' sum; one of weight.
+fn draw(weights: &[f64], part: f64) -> usize {
+    let largest = weights.iter().copied().fold(0.0, f64::max);
+    // Scaled, so that the sum of the largest numbers is one too.
+    let mut left = part * weights.iter().map(|w| w / largest).sum::<f64>();
+    let at = weights.iter().position(|w| {
+        left -= w / largest;
+        *w > 0.0 && left < 0.0
+    });
+    at.or_else(|| weights.iter().rposition(|w| *w > 0.0)).unwrap_or(0)
 }
 
 /// The cluster of each row, and the clusters' centres.
@@ -168,11 +184,11 @@ fn spread(rows: &[&[f32]], guide_of: &[usize], guides: &[usize]) -> Vec<[f32; PL
     for (row, &guide) in rows.iter().zip(guide_of) {
         let own = rows[guides[guide]];
         for look in 0..row.len() / LANES {
-            for at in 0..PLACES {
+            for (at, sum) in sums[guide].iter_mut().enumerate() {
                 let (before, after) =
                     (place(own, look, at.saturating_sub(1)), place(own, look, (at + 1).min(PLACES - 1)));
                 let away = place(row, look, at) - place(own, look, at);
-                sums[guide][at] += away.reject_from_normalized((after - before).normalize_or(Vec3::Z)).length_squared();
+                *sum += away.reject_from_normalized((after - before).normalize_or(Vec3::Z)).length_squared();
             }
             counts[guide] += 1;
         }

@@ -31,7 +31,7 @@ pub struct VectorGrid {
 }
 
 /// How a field is written.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct VdbOptions {
     /// Gravity in the world, any unit; `None` where Z is up already.
     pub gravity: Option<DVec3>,
@@ -39,12 +39,6 @@ pub struct VdbOptions {
     pub space: Space,
     /// Whether values are zipped. The velocities of a test take shrink by 6 % for ten times the time, so not by default.
     pub zip: bool,
-}
-
-impl Default for VdbOptions {
-    fn default() -> Self {
-        Self { gravity: None, space: Space::default(), zip: false }
-    }
 }
 
 impl VectorGrid {
