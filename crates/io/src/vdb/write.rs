@@ -18,6 +18,8 @@ pub(super) const ZIP: u32 = 1;
 pub(super) const ACTIVE_ONLY: u32 = 2;
 /// A node whose inactive values all are the background.
 const ALL_BACKGROUND: u8 = 0;
+/// Characters of a UUID.
+const UUID: usize = 36;
 /// The library whose files these are like.
 const LIBRARY: [u32; 2] = [10, 0];
 
@@ -28,7 +30,8 @@ pub(super) fn file(grid: &VectorGrid, unit: &str, zip: bool) -> Vec<u8> {
     [VERSION, LIBRARY[0], LIBRARY[1]].into_iter().for_each(|x| out.u32(x));
     // The grids' positions are stored.
     out.bytes.push(1);
-    out.bytes.extend(identity(grid).bytes());
+    let name = out.bytes.len();
+    out.bytes.extend([0; UUID]);
     out.u32(1);
     out.metadata("creator", "string", concat!("strandflow ", env!("CARGO_PKG_VERSION")).as_bytes());
 
@@ -75,6 +78,8 @@ pub(super) fn file(grid: &VectorGrid, unit: &str, zip: bool) -> Vec<u8> {
     for (at, end) in ends.into_iter().enumerate() {
         out.bytes[positions + 8 * at..positions + 8 * at + 8].copy_from_slice(&(end as u64).to_le_bytes());
     }
+    let uuid = identity(&out.bytes);
+    out.bytes[name..name + UUID].copy_from_slice(uuid.as_bytes());
     out.bytes
 }
 
@@ -133,19 +138,7 @@ fn zipped(raw: &[u8]) -> Option<Vec<u8>> {
 }
 
 /// A UUID that says what the file holds: the same grid has the same.
-fn identity(grid: &VectorGrid) -> String {
-    let mut hasher = blake3::Hasher::new();
-    grid.space_from_index.to_cols_array().iter().for_each(|x| {
-        hasher.update(&x.to_le_bytes());
-    });
-    for (at, value) in &grid.voxels {
-        at.iter().for_each(|x| {
-            hasher.update(&x.to_le_bytes());
-        });
-        value.to_array().iter().for_each(|x| {
-            hasher.update(&x.to_le_bytes());
-        });
-    }
-    let hex = hasher.finalize().to_hex();
+fn identity(bytes: &[u8]) -> String {
+    let hex = blake3::hash(bytes).to_hex();
     [&hex[..8], &hex[8..12], &hex[12..16], &hex[16..20], &hex[20..32]].join("-")
 }
