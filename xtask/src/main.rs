@@ -6,7 +6,7 @@ use std::{
 };
 
 const USAGE: &str =
-    "cargo xtask setup    install what the tests use beyond Rust: ffmpeg, and foreign readers in target/python
+    "cargo xtask setup    install what the tests use beyond Rust: ffmpeg, python3-openvdb, and foreign readers in target/python
 cargo xtask test     setup, then all tests; what could not be installed is skipped and said so";
 
 fn main() -> ExitCode {
@@ -26,9 +26,13 @@ fn main() -> ExitCode {
     }
 }
 
-/// Installs ffmpeg (Debian) and the foreign readers. `strict`: a missing thing is an error, else a notice.
+/// Installs ffmpeg and python3-openvdb (Debian) and the foreign readers. `strict`: a missing thing is an error, else a notice.
 fn setup(strict: bool) -> Result<(), String> {
-    for (what, had) in [("ffmpeg (videos)", ffmpeg()), ("numpy, usd-core, zarr (foreign readers)", readers())] {
+    for (what, had) in [
+        ("ffmpeg (videos)", ffmpeg()),
+        ("python3-openvdb (volumes)", openvdb()),
+        ("alembic3d, numpy, usd-core, zarr (foreign readers)", readers()),
+    ] {
         match had {
             Ok(()) => {}
             Err(fact) if strict => return Err(format!("{what}: {fact}")),
@@ -39,17 +43,27 @@ fn setup(strict: bool) -> Result<(), String> {
 }
 
 fn ffmpeg() -> Result<(), String> {
-    if Command::new("ffmpeg").arg("-version").output().is_ok_and(|o| o.status.success()) {
+    debian("ffmpeg", Command::new("ffmpeg").arg("-version"))
+}
+
+/// Belongs to the system's interpreter; a virtual environment does not see it.
+fn openvdb() -> Result<(), String> {
+    debian("python3-openvdb", Command::new("/usr/bin/python3").args(["-c", "import pyopenvdb"]))
+}
+
+/// Installs a Debian package, unless the check says that it is there.
+fn debian(package: &str, check: &mut Command) -> Result<(), String> {
+    if check.output().is_ok_and(|o| o.status.success()) {
         return Ok(());
     }
     run(Command::new("apt-get").args(["update", "-qq"]))?;
-    run(Command::new("apt-get").args(["install", "-y", "-qq", "--no-install-recommends", "ffmpeg"]))
+    run(Command::new("apt-get").args(["install", "-y", "-qq", "--no-install-recommends", package]))
 }
 
 fn readers() -> Result<(), String> {
     let python = python();
     let have = || {
-        let check = Command::new(&python).args(["-c", "import numpy, zarr; from pxr import Usd"]).output();
+        let check = Command::new(&python).args(["-c", "import alembic3d, numpy, zarr; from pxr import Usd"]).output();
         check.is_ok_and(|o| o.status.success())
     };
     if have() {

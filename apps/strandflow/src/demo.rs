@@ -5,7 +5,10 @@ use std::path::Path;
 use strandflow_synth::{Style, SynthSpec};
 
 use crate::{
-    args::{DemoArgs, EvaluateArgs, ExportArgs, Format, NewArgs, OverlayArgs, RunArgs, SequenceStage},
+    args::{
+        DemoArgs, EvaluateArgs, ExportArgs, ExportStage, Format, NewArgs, OverlayArgs, RunArgs, SequenceStage,
+        TargetArg,
+    },
     evaluate, export,
     failure::Failed,
     new, overlay, run, synth,
@@ -38,13 +41,21 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failed> {
     let folder = take.join("export");
     for (format, name) in [
         (Format::Usd, "strands.usdc"),
+        (Format::Abc, "strands.abc"),
         (Format::Npz, "strands.npz"),
         (Format::Hair, "hair"),
         (Format::Data, "data"),
         (Format::Ply, "ply"),
+        (Format::Cards, "cards"),
+        (Format::Vdb, "velocity"),
     ] {
         let out = folder.join(name);
-        export::export(&ExportArgs { take: take.clone(), stage: SequenceStage::Blend, to: format, out })?;
+        let stage = if format == Format::Vdb { ExportStage::Flow } else { ExportStage::Blend };
+        let target = matches!(format, Format::Abc | Format::Cards | Format::Vdb).then_some(TargetArg::Blender);
+        let guides = matches!(format, Format::Abc | Format::Cards).then_some(DEMO_GUIDES);
+        let args =
+            ExportArgs { take: take.clone(), stage, to: format, target, strands: None, points: None, guides, out };
+        export::export(&args)?;
     }
     let picture = take.join("overlay.png");
     overlay::overlay(&OverlayArgs {
@@ -68,6 +79,9 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failed> {
     }
     Ok(())
 }
+
+/// Guides of the demo: one for every twenty strands.
+const DEMO_GUIDES: u32 = 100;
 
 /// Strands of the demo: a quarter of the default, so that it takes a minute or two on two cores.
 const DEMO_STRANDS: usize = 2000;

@@ -1,64 +1,165 @@
-//! `strandflow export`: strands in a format that other programs read.
+//! `strandflow export`: strands, and the velocity field, in formats that other programs read.
 
 use std::path::Path;
 
-use strandflow_engine::{Plan, Take, stage_index, stage_strands::StageStrands};
+use strandflow_engine::{Plan, Take, stage_index};
 use strandflow_io::{
-    IoError,
-    strands::{Interchange, hair::write_hair, npz::write_npz, ply::write_ply, usc_data::write_usc_data},
-    usd::{UsdOptions, write_usd},
+    Cards, Carrier, ChosenStrands, Guides, Interchange, IoError, Resampled, SceneOptions, Space, StrandFrames,
+    VdbOptions, write_alembic, write_folder, write_hair, write_npz, write_ply, write_usc_data, write_usd,
+    write_velocity_vdb,
 };
 
 use crate::{
-    args::{ExportArgs, Format},
+    args::{ExportArgs, ExportStage, Format},
     failure::Failed,
     status::tell_of_outdated,
 };
 
 pub fn export(args: &ExportArgs) -> Result<(), Failed> {
+    check(args)?;
     let take = Take::open(&args.take)?;
     let plan = take.last_plan()?;
     take.must_be_done(args.stage.name(), &plan)?;
     tell_of_outdated(&take, &plan, stage_index(args.stage.name())?)?;
-    let strands = take.strands_of(args.stage.name(), plan.frames)?;
-    write(&take, &plan, &strands, args.to, &args.out)?;
+    if args.stage == ExportStage::Flow {
+        write_flow(&take, &plan, args)?;
+    } else {
+        write_strands(&take, &plan, args)?;
+    }
     eprintln!("wrote {}", args.out.display());
+    if args.to == Format::Abc && args.target.is_none() {
+        eprintln!("note: Alembic states neither unit nor axes; these are millimetres, Z up; see --for");
+    }
     Ok(())
 }
 
-/// Writes strands of a take: a file, or a folder of one file a frame. Reads a few frames at a time; a file is written whole
-/// or not at all.
-fn write(take: &Take, plan: &Plan, strands: &StageStrands, format: Format, out: &Path) -> Result<(), Failed> {
+/// What does not go together, before any work starts.
+fn check(args: &ExportArgs) -> Result<(), Failed> {
+    let said = |error: &str, hint: &str| Err(Failed::input(error, hint));
+    let carrier = carrier(args.to);
+    match (args.stage, args.to) {
+        (ExportStage::Flow, Format::Vdb) => {}
+        (ExportStage::Flow, _) => return said("the velocity field goes into vdb only", "say --to vdb"),
+        (_, Format::Vdb) => return said("vdb holds the velocity field, not strands", "say --stage flow"),
+        _ => {}
+    }
+    if args.stage == ExportStage::Flow && (args.strands.is_some() || args.points.is_some() || args.guides.is_some()) {
+        return said("the velocity field has no strands", "leave out --strands, --points and --guides");
+    }
+    if args.target.is_some() && carrier.is_none() {
+        return said("this format keeps the take's world", "--for goes with abc, usd, cards and vdb");
+    }
+    if args.to == Format::Cards && args.guides.is_none() {
+        return said("cards run along guides", "say how many with --guides N");
+    }
+    Ok(())
+}
+
+/// The kind of file whose unit and axes follow the program it is for.
+fn carrier(format: Format) -> Option<Carrier> {
     match format {
-        Format::Npz => {
+        Format::Abc => Some(Carrier::Alembic),
+        Format::Usd => Some(Carrier::Usd),
+        Format::Cards => Some(Carrier::Obj),
+        Format::Vdb => Some(Carrier::Vdb),
+        Format::Npz | Format::Ply | Format::Hair | Format::Data => None,
+    }
+}
+
+fn space(args: &ExportArgs) -> Space {
+    let target = args.target.zip(carrier(args.to));
+    target.map_or_else(Space::default, |(target, carrier)| strandflow_io::Target::from(target).space(carrier))
+}
+
+/// Writes strands as they are asked for: fewer of them, then with other points, then their guides. Reads a few frames at a
+/// time.
+fn write_strands(take: &Take, plan: &Plan, args: &ExportArgs) -> Result<(), Failed> {
+    let of_stage = take.strands_of(args.stage.name(), plan.frames)?;
+    let mut strands: &dyn StrandFrames = &of_stage;
+    let (chosen, resampled, leading);
+    if let Some(count) = args.strands {
+        chosen = ChosenStrands::evenly(strands, count as usize)?;
+        strands = &chosen;
+    }
+    if let Some(points) = args.points {
+        resampled = Resampled::new(strands, points)?;
+        strands = &resampled;
+    }
+    let guides = args.guides.map(|count| Guides::of(strands, count as usize)).transpose()?;
+    if let (Some(guides), false) = (&guides, matches!(args.to, Format::Abc | Format::Cards)) {
+        leading = ChosenStrands::new(strands, &guides.strands);
+        strands = &leading;
+    }
+    write(take, plan, strands, guides.as_ref(), args)
+}
+
+/// Writes a file, or a folder of one file a frame; whole or not at all.
+fn write(
+    take: &Take,
+    plan: &Plan,
+    strands: &dyn StrandFrames,
+    guides: Option<&Guides>,
+    args: &ExportArgs,
+) -> Result<(), Failed> {
+    let out = &args.out;
+    let gravity = Some(take.gravity());
+    let options = SceneOptions { fps: take.manifest().fps, gravity, space: space(args), ..SceneOptions::default() };
+    match (args.to, guides) {
+        (Format::Npz, _) => {
             make_folder(out.parent())?;
             let poses = (plan.frames.start..plan.frames.end).map(|frame| take.read_pose(frame));
             let head_from_world = poses.map(|pose| Ok(pose?.inverse())).collect::<Result<Vec<_>, Failed>>()?;
             write_npz(out, strands, &head_from_world)?;
         }
-        Format::Usd => {
+        (Format::Usd, _) => {
             make_folder(out.parent())?;
-            let options =
-                UsdOptions { fps: take.manifest().fps, gravity: Some(take.gravity()), ..UsdOptions::default() };
             write_usd(out, strands, &options)?;
         }
-        Format::Ply => one_a_frame(strands, out, "ply", write_ply)?,
-        Format::Hair => one_a_frame(strands, out, "hair", write_hair)?,
-        Format::Data => one_a_frame(strands, out, "data", write_usc_data)?,
+        (Format::Abc, _) => {
+            make_folder(out.parent())?;
+            write_alembic(out, strands, guides, &options)?;
+        }
+        (Format::Cards, Some(guides)) => {
+            let cards = Cards::new(out, strands, guides, &options)?;
+            one_a_frame(cards.frames(), out, "obj", |path, t| Ok(cards.write_obj(path, t)?))?;
+        }
+        (Format::Ply, _) => strands_a_frame(strands, out, "ply", write_ply)?,
+        (Format::Hair, _) => strands_a_frame(strands, out, "hair", write_hair)?,
+        (Format::Data, _) => strands_a_frame(strands, out, "data", write_usc_data)?,
+        // `check` has refused these.
+        (Format::Cards | Format::Vdb, _) => {}
     }
     Ok(())
 }
 
+/// The velocity field of every frame.
+fn write_flow(take: &Take, plan: &Plan, args: &ExportArgs) -> Result<(), Failed> {
+    let options = VdbOptions { gravity: Some(take.gravity()), space: space(args), ..VdbOptions::default() };
+    let frames: Vec<u32> = (plan.frames.start as u32..plan.frames.end as u32).collect();
+    one_a_frame(&frames, &args.out, "vdb", |path, t| {
+        Ok(write_velocity_vdb(path, &take.read_flow(frames[t] as usize)?, &options)?)
+    })
+}
+
 type FrameWriter = fn(&Path, &Interchange, usize) -> Result<(), IoError>;
 
-/// Files `FOLDER/000012.EXTENSION`.
-fn one_a_frame(strands: &StageStrands, folder: &Path, extension: &str, write: FrameWriter) -> Result<(), Failed> {
-    make_folder(Some(folder))?;
+fn strands_a_frame(strands: &dyn StrandFrames, out: &Path, extension: &str, write: FrameWriter) -> Result<(), Failed> {
     let strands = Interchange::new(strands)?;
-    for (t, frame) in strands.frames().iter().enumerate() {
-        write(&folder.join(format!("{frame:06}.{extension}")), &strands, t)?;
-    }
-    Ok(())
+    one_a_frame(strands.frames(), out, extension, |path, t| Ok(write(path, &strands, t)?))
+}
+
+/// Files `FOLDER/000012.EXTENSION`, all or none.
+fn one_a_frame(
+    frames: &[u32],
+    folder: &Path,
+    extension: &str,
+    write: impl Fn(&Path, usize) -> Result<(), Failed>,
+) -> Result<(), Failed> {
+    make_folder(folder.parent())?;
+    write_folder(folder, |folder| {
+        let mut files = frames.iter().enumerate();
+        files.try_for_each(|(t, frame)| write(&folder.join(format!("{frame:06}.{extension}")), t))
+    })
 }
 
 fn make_folder(folder: Option<&Path>) -> Result<(), Failed> {

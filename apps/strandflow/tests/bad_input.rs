@@ -175,3 +175,18 @@ fn bad_usage_is_exit_code_two() {
     assert_bad_input(&strandflow(&["new", text(&take), "--capture", text(root.path())]), &["exists"]);
     assert_bad_input(&strandflow(&["status", text(root.path())]), &["no manifest"]);
 }
+
+#[test]
+fn exports_that_do_not_go_together_are_told_before_the_take_is_read() {
+    for (args, told) in [
+        (["--stage", "flow", "--to", "abc"].as_slice(), "vdb only"),
+        (&["--stage", "blend", "--to", "vdb"], "not strands"),
+        (&["--stage", "flow", "--to", "vdb", "--guides", "5"], "no strands"),
+        (&["--stage", "blend", "--to", "hair", "--for", "unreal"], "--for"),
+        (&["--stage", "blend", "--to", "cards"], "--guides"),
+    ] {
+        let run = strandflow(&[&["export", "no.take"], args, &["out"]].concat());
+        assert_bad_input(&run, &[told]);
+        assert!(!std::path::Path::new("out").exists());
+    }
+}

@@ -1,30 +1,45 @@
-//! One file per format: calibrations, images, video, strands, USD.
+//! One file per format: calibrations, images, video, strands, USD, Alembic, OpenVDB, hair cards.
 //!
 //! Readers trust nothing: sizes in headers are checked against the file before memory is taken, every error names the
 //! file and the place in it and has a hint ([`IoError::hint`]). Lengths come out in millimetres.
 
+pub mod alembic;
 mod bytes;
 pub mod calibration;
+pub mod cards;
 pub mod error;
 pub mod exr_image;
+pub mod guides;
 pub mod image_file;
 pub mod markers;
+pub mod root_uv;
+pub mod scene;
 pub mod source;
+pub mod space;
 pub mod strands;
 pub mod usd;
+pub mod vdb;
 pub mod whole_file;
 
+pub use alembic::write_alembic;
 pub use calibration::{Calibration, read_calibration, rig_for_views};
+pub use cards::Cards;
 pub use error::{At, IoError};
+pub use guides::Guides;
 pub use image_file::{read_mask, read_rgb, write_mask_png, write_rgb_png};
 pub use markers::{LabelledMarker, MarkerLabels, read_marker_labels};
+pub use scene::SceneOptions;
 pub use source::{SourceInfo, TakeSource, ViewInput, probe};
+pub use space::{Carrier, Space, Target, Up};
 pub use strands::{
     Interchange, InterchangeFrame, StrandFrames,
+    choose::ChosenStrands,
     hair::{read_hair, write_hair},
     npz::{NpzStrands, read_npz, write_npz},
     ply::write_ply,
+    resample::Resampled,
     usc_data::{read_usc_data, write_usc_data},
 };
-pub use usd::{UsdOptions, write_usd};
-pub use whole_file::write_bytes;
+pub use usd::write_usd;
+pub use vdb::{VdbOptions, VectorGrid, read_vdb, write_velocity_vdb};
+pub use whole_file::{write_bytes, write_folder};

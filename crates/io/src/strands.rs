@@ -7,20 +7,23 @@
 //! | `.hair` | Cem Yuksel's (`hair`) | one frame |
 //! | `.data` | USC's hair (`usc_data`) | one frame |
 //! | `.usd`, `.usdc`, `.usda` | animated USD (`crate::usd`) | all frames, constant topology |
+//! | `.abc` | animated Alembic (`crate::alembic`) | all frames, constant topology |
 //!
 //! All but `.npz` hold no missing points: see [`Interchange`].
 
-use std::{cell::RefCell, collections::BTreeMap, collections::VecDeque, rc::Rc};
+use std::{cell::RefCell, collections::BTreeMap, collections::VecDeque, ops::Range, rc::Rc};
 
 use glam::Vec3;
 use strandflow_core::{Provenance, StrandSequence};
 
 use crate::IoError;
 
+pub mod choose;
 pub mod hair;
 pub mod npy;
 pub mod npz;
 pub mod ply;
+pub mod resample;
 pub mod usc_data;
 
 /// Strands of fixed topology that are read one frame at a time, so that a long take need not fit into memory.
@@ -131,6 +134,25 @@ impl<'a> Interchange<'a> {
         self.strands.iter().map(|&n| u32::from(self.source.counts()[n as usize])).collect()
     }
 
+    /// Where the points of each strand that takes part lie in a frame.
+    pub fn ranges(&self) -> Vec<Range<usize>> {
+        let ranges = self.counts().into_iter().scan(0, |next, count| {
+            let start = *next;
+            *next += count as usize;
+            Some(start..*next)
+        });
+        ranges.collect()
+    }
+
+    /// The roots in the `t`-th frame, world \[mm\]; none where there is no frame.
+    ///
+    /// # Errors
+    /// As [`Interchange::frame`].
+    pub fn roots(&self, t: usize) -> Result<Vec<Vec3>, IoError> {
+        let frame = if t < self.frames().len() { self.frame(t)? } else { return Ok(Vec::new()) };
+        Ok(self.ranges().into_iter().map(|range| frame.points[range.start]).collect())
+    }
+
     /// The `t`-th frame.
     ///
     /// # Errors
@@ -222,6 +244,23 @@ fn finite(x: f32) -> f32 {
 #[cfg(test)]
 pub(crate) fn python() -> std::ffi::OsString {
     std::env::var_os("STRANDFLOW_PYTHON").unwrap_or_else(|| "python3".into())
+}
+
+/// What a script says that gets a path as its argument; `None`, with a line that says so, where Python or the foreign reader
+/// is not installed.
+#[cfg(test)]
+pub(crate) fn ask_python(script: &str, path: &std::path::Path) -> Option<String> {
+    let Ok(out) = std::process::Command::new(python()).args(["-c", script]).arg(path).output() else {
+        println!("skipped: no Python 3");
+        return None;
+    };
+    let errors = String::from_utf8_lossy(&out.stderr);
+    if errors.contains("No module named") {
+        println!("skipped: {}", errors.trim().lines().last().unwrap_or_default());
+        return None;
+    }
+    assert!(out.status.success(), "{}: {errors}", path.display());
+    Some(String::from_utf8_lossy(&out.stdout).into_owned())
 }
 
 /// A small sequence with a short strand, an absent one, gaps in a strand and gaps in time, for the tests of the formats.

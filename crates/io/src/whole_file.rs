@@ -6,7 +6,7 @@ use std::{
     path::Path,
 };
 
-use crate::IoError;
+use crate::{IoError, error::At};
 
 /// Why a file could not be finished: what is written to, or what is written.
 pub(crate) enum Unfinished {
@@ -53,6 +53,46 @@ pub(crate) fn write_whole(
     })
 }
 
+/// Makes a folder of files by a function that writes them into the folder it is given. All files appear under `folder` or
+/// none does: they are made beside it and moved in at the end, over files of the same name.
+///
+/// # Errors
+/// The function's own, or the folder cannot be written.
+pub fn write_folder<E: From<IoError>>(folder: &Path, write: impl FnOnce(&Path) -> Result<(), E>) -> Result<(), E> {
+    let name = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let temporary = folder.with_file_name(format!(".{name}.tmp"));
+    let make = || {
+        // What a killed program left.
+        if temporary.exists() {
+            std::fs::remove_dir_all(&temporary)?;
+        }
+        std::fs::create_dir_all(&temporary)
+    };
+    if folder.exists() && !folder.is_dir() {
+        return Err(IoError::content(folder, At::FILE, "is a file, not a folder", "give the name of a folder").into());
+    }
+    let done = make().map_err(|cause| IoError::writing(folder)(cause).into()).and_then(|()| {
+        write(&temporary)?;
+        move_into(&temporary, folder).map_err(|cause| IoError::writing(folder)(cause).into())
+    });
+    if done.is_err() {
+        // What cannot be removed was never made.
+        let _ = std::fs::remove_dir_all(&temporary);
+    }
+    done
+}
+
+fn move_into(temporary: &Path, folder: &Path) -> std::io::Result<()> {
+    if !folder.exists() {
+        return std::fs::rename(temporary, folder);
+    }
+    for entry in std::fs::read_dir(temporary)? {
+        let entry = entry?;
+        std::fs::rename(entry.path(), folder.join(entry.file_name()))?;
+    }
+    std::fs::remove_dir(temporary)
+}
+
 /// Writes bytes as a whole file or not at all.
 ///
 /// # Errors
@@ -64,6 +104,26 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), IoError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_folder_that_fails_half_way_keeps_its_old_files_and_gets_no_new_ones() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path().join("frames");
+        write_folder::<IoError>(&folder, |to| write_bytes(&to.join("0"), b"old")).unwrap();
+        let failed = write_folder::<IoError>(&folder, |to| {
+            write_bytes(&to.join("0"), b"new")?;
+            write_bytes(&to.join("1/none"), b"new")
+        });
+        assert!(failed.is_err());
+        assert_eq!(std::fs::read(folder.join("0")).unwrap(), b"old");
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+        let file = folder.join("0");
+        let told = write_folder::<IoError>(&file, |_| Ok(())).unwrap_err();
+        assert!(told.to_string().contains("not a folder"), "{told}");
+        write_folder::<IoError>(&folder, |to| write_bytes(&to.join("1"), b"new")).unwrap();
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 2);
+    }
 
     #[test]
     fn a_file_that_fails_half_way_leaves_the_old_one_and_nothing_else() {

@@ -2,7 +2,10 @@
 
 use glam::Vec3;
 use strandflow_core::{Provenance, StrandSequence};
-use strandflow_io::{Interchange, IoError, StrandFrames, UsdOptions, write_npz, write_ply, write_usd};
+use strandflow_io::{
+    ChosenStrands, Guides, Interchange, IoError, Resampled, SceneOptions, StrandFrames, write_alembic, write_npz,
+    write_ply, write_usd,
+};
 
 const STRANDS: usize = 1000;
 const POINTS: usize = 40;
@@ -62,10 +65,18 @@ fn long_takes_are_written_a_few_frames_at_a_time() {
     let before = peak_mb().unwrap();
     write_npz(&dir.path().join("a.npz"), &strands, &[]).unwrap();
     let npz = peak_mb().unwrap() - before;
-    write_usd(&dir.path().join("a.usdc"), &strands, &UsdOptions::default()).unwrap();
+    write_usd(&dir.path().join("a.usdc"), &strands, &SceneOptions::default()).unwrap();
     let usd = peak_mb().unwrap() - before;
+    let chosen = ChosenStrands::evenly(&strands, STRANDS * 3 / 4).unwrap();
+    let resampled = Resampled::new(&chosen, POINTS as u16).unwrap();
+    let guides = Guides::of(&resampled, 20).unwrap();
+    write_alembic(&dir.path().join("a.abc"), &resampled, Some(&guides), &SceneOptions::default()).unwrap();
+    let abc = peak_mb().unwrap() - before;
     let interchange = Interchange::new(&strands).unwrap();
     (0..FRAMES).step_by(10).for_each(|t| write_ply(&dir.path().join("a.ply"), &interchange, t).unwrap());
     let ply = peak_mb().unwrap() - before;
-    assert!([npz, usd, ply].iter().all(|mb| *mb < MOST_MB), "npz {npz:.1}, usd {usd:.1}, ply {ply:.1} MB");
+    assert!(
+        [npz, usd, abc, ply].iter().all(|mb| *mb < MOST_MB),
+        "npz {npz:.1}, usd {usd:.1}, abc {abc:.1}, ply {ply:.1} MB"
+    );
 }

@@ -4,9 +4,9 @@ use std::{fmt::Display, io::Write, path::Path};
 
 use glam::Vec3;
 
-use super::{Sample, Scene, extent};
 use crate::{
     IoError,
+    scene::{Sample, Scene, extent},
     whole_file::{Unfinished, write_whole},
 };
 
@@ -17,11 +17,12 @@ pub(super) fn write(path: &Path, scene: &Scene) -> Result<(), IoError> {
 fn write_to(out: &mut impl Write, scene: &Scene) -> Result<(), Unfinished> {
     let times = scene.times();
     let (first, last) = (times.first().copied().unwrap_or(0.0), times.last().copied().unwrap_or(0.0));
-    let (fps, width) = (scene.options.fps, scene.options.width_mm);
+    let (fps, width, metres) = (scene.options.fps, scene.width(), scene.metres_per_unit());
+    let up = super::up_axis(scene.options.space.up);
     write!(
         out,
         "#usda 1.0\n(\n    defaultPrim = \"hair\"\n    endTimeCode = {last}\n    framesPerSecond = {fps}\n    \
-         metersPerUnit = 0.001\n    startTimeCode = {first}\n    timeCodesPerSecond = {fps}\n    upAxis = \"Z\"\n)\n\n\
+         metersPerUnit = {metres}\n    startTimeCode = {first}\n    timeCodesPerSecond = {fps}\n    upAxis = \"{up}\"\n)\n\n\
          def Xform \"hair\"\n{{\n    def BasisCurves \"strands\"\n    {{\n"
     )?;
     writeln!(out, "        uniform token type = \"linear\"\n        uniform token wrap = \"nonperiodic\"")?;
@@ -29,6 +30,8 @@ fn write_to(out: &mut impl Write, scene: &Scene) -> Result<(), Unfinished> {
     writeln!(out, "        float[] widths = [{width}] (\n            interpolation = \"constant\"\n        )")?;
     let ids = list(&scene.curves.strands);
     writeln!(out, "        int[] primvars:strand = [{ids}] (\n            interpolation = \"uniform\"\n        )")?;
+    let uvs = list(scene.root_uvs.iter().map(|uv| format!("({}, {})", uv.x, uv.y)));
+    writeln!(out, "        texCoord2f[] primvars:st = [{uvs}] (\n            interpolation = \"uniform\"\n        )")?;
     samples(out, scene, "float3[] extent", "", |sample| points_text(&extent(&sample.points, width)))?;
     samples(out, scene, "point3f[] points", "", |sample| points_text(&sample.points))?;
     if scene.options.velocities {

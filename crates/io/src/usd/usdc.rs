@@ -10,11 +10,11 @@ use std::{
     path::Path,
 };
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
-use super::{Scene, extent};
 use crate::{
     IoError,
+    scene::{Scene, extent},
     whole_file::{Unfinished, write_whole},
 };
 
@@ -27,6 +27,7 @@ enum Type {
     Float = 8,
     Double = 9,
     Token = 11,
+    Vec2f = 20,
     Vec3f = 24,
     TokenVector = 41,
     Specifier = 42,
@@ -74,14 +75,14 @@ fn write_to(out: &mut BufWriter<File>, scene: &Scene) -> std::result::Result<(),
     for (name, number) in [
         ("endTimeCode", last),
         ("framesPerSecond", scene.options.fps),
-        ("metersPerUnit", 0.001),
+        ("metersPerUnit", scene.metres_per_unit()),
         ("startTimeCode", first),
         ("timeCodesPerSecond", scene.options.fps),
     ] {
         root.push((name, file.double(number)?));
     }
     root.push(("defaultPrim", file.token_value("hair")));
-    root.push(("upAxis", file.token_value("Z")));
+    root.push(("upAxis", file.token_value(super::up_axis(scene.options.space.up))));
     root.push(("primChildren", file.token_vector(&["hair"])?));
     file.spec(0, PSEUDO_ROOT, &root);
 
@@ -123,7 +124,7 @@ fn values(file: &mut Crate, scene: &Scene) -> std::result::Result<Vec<Attribute>
     let counts: Vec<i32> = scene.curves.counts().iter().map(|&count| count as i32).collect();
     let counts = Attribute { default: Some(file.ints(&counts)?), ..Attribute::new("curveVertexCounts", "int[]") };
     let widths = Attribute {
-        default: Some(file.floats(Type::Float, &[scene.options.width_mm])?),
+        default: Some(file.floats(Type::Float, &[scene.width()])?),
         interpolation: Some("constant"),
         ..Attribute::new("widths", "float[]")
     };
@@ -133,12 +134,17 @@ fn values(file: &mut Crate, scene: &Scene) -> std::result::Result<Vec<Attribute>
         interpolation: Some("uniform"),
         ..Attribute::new("primvars:strand", "int[]")
     };
+    let uvs = Attribute {
+        default: Some(file.coordinates(&scene.root_uvs)?),
+        interpolation: Some("uniform"),
+        ..Attribute::new("primvars:st", "texCoord2f[]")
+    };
 
     let times = scene.times();
     let mut samples: [Vec<u64>; 5] = Default::default();
     for t in 0..times.len() {
         let sample = scene.sample(t)?;
-        samples[0].push(file.vectors(&extent(&sample.points, scene.options.width_mm))?);
+        samples[0].push(file.vectors(&extent(&sample.points, scene.width()))?);
         samples[1].push(file.vectors(&sample.points)?);
         samples[2].push(file.vectors(&sample.velocities)?);
         samples[3].push(file.ints(&sample.provenance)?);
@@ -160,7 +166,7 @@ fn values(file: &mut Crate, scene: &Scene) -> std::result::Result<Vec<Attribute>
         let samples = Some(file.time_samples(times, values)?);
         moving.push(Attribute { samples, interpolation, ..Attribute::new(name, type_name) });
     }
-    Ok([linear, wrap, counts, widths, ids].into_iter().chain(moving).collect())
+    Ok([linear, wrap, counts, widths, ids, uvs].into_iter().chain(moving).collect())
 }
 
 fn rep(kind: Type, flags: u64, payload: u64) -> u64 {
@@ -271,6 +277,10 @@ impl<'a> Crate<'a> {
 
     fn vectors(&mut self, points: &[Vec3]) -> Result<u64> {
         self.array(Type::Vec3f, points.len(), points.iter().flat_map(|p| p.to_array()).map(f32::to_le_bytes))
+    }
+
+    fn coordinates(&mut self, points: &[Vec2]) -> Result<u64> {
+        self.array(Type::Vec2f, points.len(), points.iter().flat_map(|p| p.to_array()).map(f32::to_le_bytes))
     }
 
     /// Times by their earlier written vector, then one value a time; the two offsets skip nothing.
