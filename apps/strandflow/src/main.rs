@@ -14,6 +14,9 @@ mod held_out;
 mod new;
 mod overlay;
 mod progress;
+mod render;
+mod render_out;
+mod render_scene;
 mod run;
 mod score_table;
 mod scores;
@@ -43,6 +46,7 @@ fn main() -> ExitCode {
         Command::Evaluate(args) => evaluate::evaluate(&args),
         Command::Export(args) => export::export(&args),
         Command::Overlay(args) => overlay::overlay(&args),
+        Command::Render(args) => render::render(&args),
         Command::Synth(args) => synth::synth(&args),
         Command::Demo(args) => demo::demo(&args),
         Command::Bench(args) => bench::bench(&args),

@@ -12,11 +12,12 @@ pub mod markers;
 pub mod source;
 pub mod strands;
 pub mod usd;
+pub mod video_out;
 pub mod whole_file;
 
 pub use calibration::{Calibration, read_calibration, rig_for_views};
 pub use error::{At, IoError};
-pub use image_file::{read_mask, read_rgb, write_mask_png, write_rgb_png};
+pub use image_file::{read_mask, read_rgb, write_mask_png, write_rgb_png, write_rgba_png};
 pub use markers::{LabelledMarker, MarkerLabels, read_marker_labels};
 pub use source::{SourceInfo, TakeSource, ViewInput, probe};
 pub use strands::{
@@ -27,4 +28,5 @@ pub use strands::{
     usc_data::{read_usc_data, write_usc_data},
 };
 pub use usd::{UsdOptions, write_usd};
+pub use video_out::{VIDEO_EXTENSIONS, VideoWriter};
 pub use whole_file::write_bytes;
