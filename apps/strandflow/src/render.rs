@@ -103,7 +103,8 @@ impl Scene<'_> {
         let hair = hair(self.strands, shot.t)?;
         let subject = Subject { hair: &hair, head: self.head.at(self.strands.frames()[shot.t] as usize) };
         let rig = LightRig::studio(&shot.camera, -self.take.gravity());
-        Ok(self.pool.install(|| draw(&subject, &shot.camera, &rig, &self.settings))?)
+        let settings = &self.settings;
+        Ok(self.pool.install(|| draw(&subject, &shot.camera, &rig, settings))?)
     }
 
     fn finished(&self, shot: &Shot, picture: Picture) -> Result<Finished, Failed> {
