@@ -42,6 +42,8 @@ pub(crate) struct Grown {
     pub starts: Vec<usize>,
     /// Points of a hair, by strand.
     pub counts: Vec<usize>,
+    /// Hairs of a strand.
+    pub density: usize,
 }
 
 /// How children are made.
@@ -79,7 +81,7 @@ impl Grown {
                 strand.child(&cell, growth.seed ^ u64::from(hair.names[n]) << 20, child as u64, out);
             }
         });
-        Self { points, starts, counts }
+        Self { points, starts, counts, density: growth.density }
     }
 }
 

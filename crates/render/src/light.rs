@@ -40,10 +40,10 @@ impl LightRig {
             Light { towards, irradiance }
         };
         let lights = vec![
-            light(-38.0, 48.0, Vec3::new(1.0, 0.97, 0.92) * 3.1),
-            light(148.0, 42.0, Vec3::new(0.95, 0.98, 1.0) * 3.0),
-            light(58.0, 12.0, Vec3::new(0.96, 0.98, 1.0) * 0.8),
+            light(-32.0, 38.0, Vec3::new(1.0, 0.97, 0.92) * 6.0),
+            light(150.0, 40.0, Vec3::new(0.95, 0.98, 1.0) * 4.5),
+            light(55.0, 12.0, Vec3::new(0.96, 0.98, 1.0) * 2.0),
         ];
-        Self { lights, dome: Vec3::splat(0.26), up: up.as_vec3() }
+        Self { lights, dome: Vec3::splat(0.34), up: up.as_vec3() }
     }
 }

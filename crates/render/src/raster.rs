@@ -17,7 +17,7 @@ pub(crate) const TILE: usize = 32;
 const SAMPLES: usize = 4;
 
 /// Light that still comes through and is too little to be seen in 8 bits.
-const OPAQUE: f32 = 3e-3;
+const OPAQUE: f32 = 8e-3;
 
 /// A square of the picture.
 pub(crate) struct Tile {
@@ -73,6 +73,7 @@ impl Tile {
                 .fold((Vec3::ZERO, 0.0, 0.0), |(c, d, n), s| (c + s.1, d + s.0, n + 1.0));
             if n > 0.0 {
                 *pixel = SkinPixel { colour: sum / n, depth: depth / n, coverage: n / (SAMPLES * SAMPLES) as f32 };
+                self.layers[1][i].through = if pixel.coverage < 1.0 { 1.0 } else { 0.0 };
             }
         }
     }
@@ -112,8 +113,9 @@ impl Tile {
         self.closed == TILE * TILE
     }
 
-    /// Lays a piece of a hair behind those that are there.
-    pub(crate) fn piece(&mut self, a: &Vertex, b: &Vertex) {
+    /// Lays a piece of a hair behind those that are there; asks for the light of its ends only if it can be seen.
+    pub(crate) fn piece(&mut self, a: &Vertex, b: &Vertex, light: impl Fn() -> [Vec3; 2]) {
+        let mut ends = None;
         let origin = Vec2::new(self.origin[0] as f32, self.origin[1] as f32);
         let step = b.at - a.at;
         let length = step.length();
@@ -140,27 +142,34 @@ impl Tile {
             let dense = (end - start) * width / spread;
             let first = (middle - half - 1.5).ceil().max(0.0) as usize;
             let last = ((middle + half + 0.5).ceil().max(0.0) as usize).min(TILE);
-            let (depth, colour) = (a.depth + (b.depth - a.depth) * t, a.colour.lerp(b.colour, t));
+            let depth = a.depth + (b.depth - a.depth) * t;
             for j in first..last {
-                let off = j as f32 + 0.5 - middle;
-                let share = dense * (tent_sum(off + half) - tent_sum(off - half));
                 let pixel = if steep { i * TILE + j } else { j * TILE + i };
-                self.lay(pixel, depth, colour, share.min(1.0));
+                let layer = self.layer(pixel, depth);
+                if self.layers[layer][pixel].through > OPAQUE {
+                    let off = j as f32 + 0.5 - middle;
+                    let share = dense * (tent_sum(off + half) - tent_sum(off - half));
+                    let [from, to] = *ends.get_or_insert_with(&light);
+                    self.lay(layer, pixel, from.lerp(to, t), share.min(1.0));
+                }
             }
         }
     }
 
-    fn lay(&mut self, pixel: usize, depth: f32, colour: Vec3, share: f32) {
+    /// 1 behind the skin, 0 before it.
+    fn layer(&self, pixel: usize, depth: f32) -> usize {
         let skin = &self.skin[pixel];
-        let behind = skin.coverage > 0.0 && depth > skin.depth;
-        let layer = &mut self.layers[usize::from(behind)][pixel];
-        if layer.through <= OPAQUE {
-            return;
-        }
-        layer.light += colour * (layer.through * share);
-        layer.through *= 1.0 - share;
-        if layer.through <= OPAQUE && !behind {
-            self.closed += 1;
+        usize::from(skin.coverage > 0.0 && depth > skin.depth)
+    }
+
+    fn lay(&mut self, layer: usize, pixel: usize, colour: Vec3, share: f32) {
+        let passed = &mut self.layers[layer][pixel];
+        passed.light += colour * (passed.through * share);
+        passed.through *= 1.0 - share;
+        if passed.through <= OPAQUE {
+            // What is behind opaque hair, or behind opaque skin, is not seen either.
+            self.layers[1][pixel].through = 0.0;
+            self.closed += usize::from(layer == 0);
         }
     }
 
@@ -195,10 +204,14 @@ impl Swapped for Vec2 {
 mod tests {
     use super::*;
 
+    fn white() -> [Vec3; 2] {
+        [Vec3::ONE; 2]
+    }
+
     fn coverage(a: Vec2, b: Vec2, width: f32, motion: Vec2) -> f32 {
         let mut tile = Tile::new([0, 0]);
-        let vertex = |at| Vertex { at, depth: 1.0, width, motion, colour: Vec3::ONE };
-        tile.piece(&vertex(a), &vertex(b));
+        let vertex = |at| Vertex { at, depth: 1.0, width, motion };
+        tile.piece(&vertex(a), &vertex(b), white);
         (0..TILE * TILE).map(|i| tile.pixel(i % TILE, i / TILE)[3]).sum()
     }
 
@@ -221,9 +234,9 @@ mod tests {
     fn a_hair_lies_where_it_is() {
         let mut tile = Tile::new([64, 32]);
         let vertex = |x: f32, y: f32| {
-            Vertex { at: Vec2::new(x, y), depth: 1.0, width: 0.1, motion: Vec2::ZERO, colour: Vec3::ONE }
+            Vertex { at: Vec2::new(x, y), depth: 1.0, width: 0.1, motion: Vec2::ZERO }
         };
-        tile.piece(&vertex(70.2, 40.0), &vertex(74.7, 58.0));
+        tile.piece(&vertex(70.2, 40.0), &vertex(74.7, 58.0), white);
         let sum = |f: &dyn Fn(usize, usize) -> f32| (0..TILE * TILE).map(|i| f(i % TILE, i / TILE)).sum::<f32>();
         let whole = sum(&|x, y| tile.pixel(x, y)[3]);
         let mean_x = sum(&|x, y| tile.pixel(x, y)[3] * (x as f32 + 64.5)) / whole;
@@ -242,11 +255,11 @@ mod tests {
         };
         tile.skin(&[[0, 1, 2]], &[0], &[corner(-5.0, -5.0), corner(90.0, -5.0), corner(-5.0, 90.0)]);
         let vertex = |y: f32, depth: f32| {
-            Vertex { at: Vec2::new(10.5, y), depth, width: 0.5, motion: Vec2::ZERO, colour: Vec3::ONE }
+            Vertex { at: Vec2::new(10.5, y), depth, width: 0.5, motion: Vec2::ZERO }
         };
-        tile.piece(&vertex(2.0, 12.0), &vertex(30.0, 12.0));
+        tile.piece(&vertex(2.0, 12.0), &vertex(30.0, 12.0), white);
         assert_eq!(tile.pixel(10, 12), [1.0, 0.0, 0.0, 1.0]);
-        tile.piece(&vertex(2.0, 8.0), &vertex(30.0, 8.0));
+        tile.piece(&vertex(2.0, 8.0), &vertex(30.0, 8.0), white);
         assert!(tile.pixel(10, 12)[1] > 0.3, "{:?}", tile.pixel(10, 12));
     }
 }

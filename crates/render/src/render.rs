@@ -17,7 +17,7 @@ use crate::{
     shadow::{Shadow, Surface},
     skin::{SkinVertex, in_world, skin},
     subject::Subject,
-    thread::{Eye, Lighting, Vertex, threads},
+    thread::{Eye, Lighting, Threads},
 };
 
 /// Largest picture along one side \[px\].
@@ -118,25 +118,36 @@ pub fn render(
     if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
         return Err(RenderError::Size { width, height });
     }
+    let t0 = std::time::Instant::now();
+    let lap = |what: &str| eprintln!("{what} {:.3}", t0.elapsed().as_secs_f64());
     let width_mm = settings.width_mm(subject.hair.strand_count());
     let pieces = pieces(subject, camera);
     let grown = Grown::new(subject, &Growth { density: settings.density, pieces, seed: settings.seed });
+    lap("grown");
     let vertices = subject.head.as_ref().map(in_world);
     let surface = subject.head.as_ref().zip(vertices.as_ref());
     let surface = surface.map(|(head, vertices)| Surface { vertices, faces: &head.mesh.faces });
     let shadows: Vec<Shadow> =
         rig.lights.iter().map(|l| Shadow::new(l.towards, &grown, width_mm, surface.as_ref())).collect();
+    lap("shadows");
     let dome = Dome::new(&grown, width_mm, surface.as_ref(), rig.up);
+    lap("dome");
     let scattering = Scattering::new(settings.colour, settings.roughness);
+    lap("tables");
     let lighting = Lighting { rig, shadows: &shadows, dome: &dome, scattering: &scattering };
-    let eye = Eye { camera, shutter: settings.shutter, width_mm, seed: settings.seed };
+    let centre = camera.centre_in_world().as_vec3();
+    let eye = Eye { camera, centre, shutter: settings.shutter, width_mm, seed: settings.seed };
     let skin = match (&subject.head, &surface) {
         (Some(head), Some(surface)) => skin(head, surface, subject.hair, &lighting, &eye),
         _ => Vec::new(),
     };
-    let threads = threads(subject.hair, &grown, &lighting, &eye);
+    lap("skin");
+    let threads = Threads::new(subject.hair, &grown, &lighting, &eye);
+    lap("threads");
     let faces = surface.as_ref().map_or(&[][..], |surface| surface.faces);
-    Ok(draw(&Drawn { grown: &grown, threads: &threads, faces, skin: &skin }, [width, height]))
+    let p = draw(&Drawn { grown: &grown, threads: &threads, faces, skin: &skin }, [width, height]);
+    lap("drawn");
+    Ok(p)
 }
 
 /// Pieces into which an edge is rounded, so that none is longer than some pixels.
@@ -154,7 +165,7 @@ fn pieces(subject: &Subject, camera: &Camera) -> usize {
 /// What is drawn.
 struct Drawn<'a> {
     grown: &'a Grown,
-    threads: &'a [Vertex],
+    threads: &'a Threads<'a>,
     faces: &'a [[u32; 3]],
     skin: &'a [SkinVertex],
 }
@@ -172,7 +183,9 @@ fn draw(drawn: &Drawn, [width, height]: [usize; 2]) -> Picture {
                 if tile.is_closed() {
                     break;
                 }
-                tile.piece(&drawn.threads[piece as usize], &drawn.threads[piece as usize + 1]);
+                let i = piece as usize;
+                let light = || [drawn.threads.colour(i), drawn.threads.colour(i + 1)];
+                tile.piece(&drawn.threads.vertices[i], &drawn.threads.vertices[i + 1], light);
             }
             (0..TILE * TILE).map(|i| tile.pixel(i % TILE, i / TILE)).collect()
         })
@@ -196,7 +209,7 @@ impl Drawn<'_> {
                 for &n in strands {
                     let (start, end, count) = (self.grown.starts[n], self.grown.starts[n + 1], self.grown.counts[n]);
                     for i in (start..end).filter(|i| (i - start) % count + 1 < count) {
-                        let (a, b) = (&self.threads[i], &self.threads[i + 1]);
+                        let (a, b) = (&self.threads.vertices[i], &self.threads.vertices[i + 1]);
                         let reach = 1.5 + a.width.max(b.width) + 0.5 * a.motion.length().max(b.motion.length());
                         let (low, high) = (a.at.min(b.at) - reach, a.at.max(b.at) + reach);
                         for_tiles(low, high, grid, |t| tiles[t].push(i as u32));
@@ -209,7 +222,7 @@ impl Drawn<'_> {
 
     /// The pieces of a tile from the nearest to the farthest; of equally far ones the first.
     fn nearest_first(&self, pieces: &[Vec<Vec<u32>>], tile: usize) -> Vec<(u32, u32)> {
-        let depth = |i: u32| (self.threads[i as usize].depth + self.threads[i as usize + 1].depth).to_bits();
+        let depth = |i: u32| (self.threads.vertices[i as usize].depth + self.threads.vertices[i as usize + 1].depth).to_bits();
         let mut out: Vec<(u32, u32)> = pieces.iter().flat_map(|part| part[tile].iter().map(|&i| (depth(i), i))).collect();
         // Depths are positive: their bits are in the order of the numbers.
         out.sort_unstable();

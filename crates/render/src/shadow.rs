@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use glam::{Mat3, UVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::groom::Grown;
+use crate::{chance::Chance, groom::Grown};
 
 /// Width of a column \[mm\]. Below 1 mm columns hold too few hairs and shadows are noise; above 3 mm locks throw none.
 const CELL_MM: f32 = 1.6;
@@ -70,11 +70,13 @@ impl Shadow {
         let of_mm = width_mm / (cell * cell) / COUNT;
         (0..hair.counts.len()).into_par_iter().for_each(|n| {
             let points = &hair.points[hair.starts[n]..hair.starts[n + 1]];
+            // Points lie equally far along all strands of a take: places drawn by chance keep that out of the shadows.
+            let mut chance = Chance::of(0x5ad0, n as u64);
             for strand in points.chunks(hair.counts[n].max(1)) {
                 for pair in strand.windows(2) {
                     let (a, b) = (self.axes * pair[0].at, self.axes * pair[1].at);
                     let across = (b - a).truncate().length();
-                    let at = ((a + b) * 0.5 - self.low) * self.per_mm;
+                    let at = (a.lerp(b, chance.share()) - self.low) * self.per_mm;
                     let [x, y, z] = at.max(Vec3::ZERO).to_array().map(|c| c as usize);
                     let cell = (y.min(ny - 1) * nx + x.min(nx - 1)) * nz + z.min(nz - 1);
                     counts[cell].fetch_add((across * of_mm).round() as u32, Ordering::Relaxed);

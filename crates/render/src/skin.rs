@@ -7,14 +7,18 @@ use rayon::prelude::*;
 use strandflow_geometry::project::project;
 
 use crate::{
+    scattering::SHADES,
     shadow::Surface,
     subject::{Hair, Head},
     thread::{Eye, Lighting},
 };
 
-/// Albedo of skin, and of the scalp where hair grows (stubble and shade between roots), linear RGB.
-const SKIN: Vec3 = Vec3::new(0.62, 0.40, 0.30);
-const SCALP: Vec3 = Vec3::new(0.16, 0.10, 0.075);
+/// Albedo of skin, linear RGB.
+const SKIN: Vec3 = Vec3::new(0.50, 0.31, 0.23);
+
+/// What the scalp returns under hair, as a share of the hair's own albedo: between roots one sees roots. At 1 bald places
+/// are brighter than the hair around them.
+const SCALP: f32 = 0.16;
 
 /// How far light comes around an edge of skin: it is translucent. At 0 faces look like plaster.
 const WRAP: f32 = 0.25;
@@ -41,11 +45,12 @@ pub(crate) fn in_world(head: &Head) -> Vec<Vec3> {
 pub(crate) fn skin(head: &Head, surface: &Surface, hair: &Hair, lighting: &Lighting, eye: &Eye) -> Vec<SkinVertex> {
     let normals = normals(surface);
     let roots = Roots::of(hair);
+    let scalp = lighting.scattering.crowds[SHADES / 2].albedo * SCALP;
     (0..surface.vertices.len())
         .into_par_iter()
         .map(|v| {
             let (p, normal) = (surface.vertices[v], normals[v]);
-            let albedo = SKIN.lerp(SCALP, roots.cover(p));
+            let albedo = SKIN.lerp(scalp, roots.cover(p));
             let mut light = lighting.rig.dome * (lighting.dome.seen(p + normal * 6.0) * std::f32::consts::PI);
             for (source, shadow) in lighting.rig.lights.iter().zip(lighting.shadows) {
                 let facing = (normal.dot(source.towards) + WRAP).max(0.0) / (1.0 + WRAP);

@@ -1,5 +1,7 @@
 //! Hairs as a camera sees them: where, how wide, and with what light.
 
+use std::sync::OnceLock;
+
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 use strandflow_core::Camera;
@@ -39,8 +41,6 @@ pub(crate) struct Vertex {
     pub width: f32,
     /// What it moves while the shutter is open \[px\].
     pub motion: Vec2,
-    /// Radiance, linear RGB.
-    pub colour: Vec3,
 }
 
 /// What lights hairs.
@@ -59,6 +59,8 @@ pub(crate) struct Lighting<'a> {
 pub(crate) struct Eye<'a> {
     /// The camera.
     pub camera: &'a Camera,
+    /// Where it is, world \[mm\].
+    pub centre: Vec3,
     /// Share of a frame for which the shutter is open.
     pub shutter: f32,
     /// Thickness of a hair \[mm\].
@@ -67,48 +69,70 @@ pub(crate) struct Eye<'a> {
     pub seed: u64,
 }
 
-/// All hairs' points as `eye` sees them, in the order of `grown`.
-pub(crate) fn threads(hair: &Hair, grown: &Grown, lighting: &Lighting, eye: &Eye) -> Vec<Vertex> {
-    let mut out = vec![Vertex::default(); grown.points.len()];
-    slices(&mut out, &grown.starts).into_par_iter().enumerate().for_each(|(n, out)| {
-        let count = grown.counts[n];
-        if count == 0 {
-            return;
-        }
-        let points = &grown.points[grown.starts[n]..grown.starts[n + 1]];
-        let own = eye.seed ^ u64::from(hair.names[n]) << 20 ^ 0x5ade;
-        let of_strand = Chance::of(own, 0).normal() * SHADE_OF_STRAND;
-        for (child, (points, out)) in points.chunks(count).zip(out.chunks_mut(count)).enumerate() {
-            let level = of_strand + Chance::of(own, child as u64 + 1).normal() * SHADE_OF_CHILD;
-            let shade = (level + 0.5 * SHADES as f32).clamp(0.0, SHADES as f32 - 1.0) as usize;
-            lighting.light(points, shade, eye, out);
-            if !hair.tint.is_empty() {
-                tint(&hair.tint[hair.offsets[n]..hair.offsets[n + 1]], out);
-            }
-        }
-    });
-    out
+/// All hairs as an eye sees them. What light a point returns is worked out when it is first asked for: most of the hair is
+/// under other hair, and is never seen.
+pub(crate) struct Threads<'a> {
+    hair: &'a Hair,
+    grown: &'a Grown,
+    lighting: &'a Lighting<'a>,
+    eye: &'a Eye<'a>,
+    /// Of each hair, those of a strand after one another.
+    shades: Vec<u8>,
+    density: usize,
+    /// Points in the picture, in the order of `grown`.
+    pub vertices: Vec<Vertex>,
+    colours: Vec<OnceLock<Vec3>>,
 }
 
-fn tint(colours: &[Vec3], out: &mut [Vertex]) {
-    let pieces = (out.len() - 1) / (colours.len() - 1).max(1);
-    out.iter_mut().enumerate().for_each(|(k, v)| v.colour *= colours[(k / pieces.max(1)).min(colours.len() - 1)]);
+impl<'a> Threads<'a> {
+    /// Places hairs in the picture.
+    pub(crate) fn new(hair: &'a Hair, grown: &'a Grown, lighting: &'a Lighting, eye: &'a Eye) -> Self {
+        let mut vertices = vec![Vertex::default(); grown.points.len()];
+        slices(&mut vertices, &grown.starts).into_par_iter().enumerate().for_each(|(n, out)| {
+            let points = &grown.points[grown.starts[n]..grown.starts[n + 1]];
+            let last = grown.counts[n].saturating_sub(1);
+            for (k, (p, out)) in points.iter().zip(out).enumerate() {
+                let from_tip = (1.0 - (k % (last + 1)) as f32 / last as f32) / TIP;
+                *out = eye.seen(p, eye.width_mm * (TIP_WIDTH + (1.0 - TIP_WIDTH) * from_tip.min(1.0)));
+            }
+        });
+        let density = grown.density;
+        let shades = (0..grown.counts.len() * density).map(|i| shade(eye.seed, hair.names[i / density], i % density));
+        let colours = std::iter::repeat_with(OnceLock::new).take(vertices.len()).collect();
+        Self { shades: shades.collect(), density, hair, grown, lighting, eye, vertices, colours }
+    }
+
+    /// Radiance of a point towards the eye, linear RGB.
+    pub(crate) fn colour(&self, point: usize) -> Vec3 {
+        *self.colours[point].get_or_init(|| self.light(point))
+    }
+
+    fn light(&self, point: usize) -> Vec3 {
+        let strand = self.grown.starts.partition_point(|start| *start <= point) - 1;
+        let (count, within) = (self.grown.counts[strand], point - self.grown.starts[strand]);
+        let (child, k) = (within / count, within % count);
+        let hair = &self.grown.points[point - k..point - k + count];
+        let tangent = (hair[(k + 1).min(count - 1)].at - hair[k.saturating_sub(1)].at).normalize_or(Vec3::Z);
+        let to_eye = (self.eye.centre - hair[k].at).normalize_or(Vec3::Z);
+        let shade = usize::from(self.shades[strand * self.density + child]);
+        let light = self.lighting.returned(hair[k].at, tangent, to_eye, shade);
+        let own = self.hair.offsets[strand]..self.hair.offsets[strand + 1];
+        match self.hair.tint.get(own) {
+            Some(tint) if !tint.is_empty() => light * tint[k * (tint.len() - 1) / (count - 1)],
+            _ => light,
+        }
+    }
+}
+
+/// The shade of a child.
+fn shade(seed: u64, name: u32, child: usize) -> u8 {
+    let own = seed ^ u64::from(name) << 20 ^ 0x5ade;
+    let of_strand = Chance::of(own, 0).normal() * SHADE_OF_STRAND;
+    let level = of_strand + Chance::of(own, child as u64 + 1).normal() * SHADE_OF_CHILD;
+    (level + 0.5 * SHADES as f32).clamp(0.0, SHADES as f32 - 1.0) as u8
 }
 
 impl Lighting<'_> {
-    /// Light and image of one hair.
-    fn light(&self, points: &[Point], shade: usize, eye: &Eye, out: &mut [Vertex]) {
-        let last = points.len() - 1;
-        let centre = eye.camera.centre_in_world().as_vec3();
-        for (k, (p, out)) in points.iter().zip(out).enumerate() {
-            let tangent = (points[(k + 1).min(last)].at - points[k.saturating_sub(1)].at).normalize_or(Vec3::Z);
-            let from_tip = (1.0 - k as f32 / last as f32) / TIP;
-            let width_mm = eye.width_mm * (TIP_WIDTH + (1.0 - TIP_WIDTH) * from_tip.min(1.0));
-            *out = eye.seen(p, width_mm);
-            out.colour = self.returned(p.at, tangent, (centre - p.at).normalize_or(Vec3::Z), shade);
-        }
-    }
-
     /// Radiance that a hair returns towards an eye: each light through the hair before it, once by the fibre itself and
     /// spread by the crowd around it; and the dome.
     fn returned(&self, p: Vec3, tangent: Vec3, to_eye: Vec3, shade: usize) -> Vec3 {
@@ -147,6 +171,6 @@ impl Eye<'_> {
         let motion = p.motion * self.shutter;
         let motion = if motion == Vec3::ZERO { Vec2::ZERO } else { image(at + motion.as_dvec3()) - here };
         let width = width_mm * self.camera.focal[0] as f32 / depth;
-        Vertex { at: here, depth, width, motion, colour: Vec3::ZERO }
+        Vertex { at: here, depth, width, motion }
     }
 }
