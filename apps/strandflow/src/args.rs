@@ -214,6 +214,9 @@ pub struct RenderArgs {
     /// Hairs drawn for each strand; by default as many as make the hair look full.
     #[arg(long, value_name = "N")]
     pub density: Option<usize>,
+    /// Rounds by which strands are freed from the trembling of captured ones; 0 draws them as they are.
+    #[arg(long, default_value_t = 4, value_name = "N")]
+    pub polish: usize,
     /// Threads; all cores by default.
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,

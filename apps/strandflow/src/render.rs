@@ -25,7 +25,7 @@ impl From<RenderError> for Failed {
 
 pub fn render(args: &RenderArgs) -> Result<(), Failed> {
     let colour = hair_colour(&args.colour)?;
-    let settings = Settings { colour, shutter: args.motion_blur, density: args.density.unwrap_or(1), ..Settings::default() };
+    let settings = Settings { colour, shutter: args.motion_blur, density: args.density.unwrap_or(1), polish: args.polish, ..Settings::default() };
     settings.check()?;
     let take = Take::open(&args.take)?;
     let behind = background(args, &take)?;

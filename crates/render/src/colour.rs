@@ -18,7 +18,7 @@ pub enum HairColour {
 
 impl HairColour {
     /// Brown.
-    pub const BROWN: Self = Self::Melanin { eumelanin: 1.05, pheomelanin: 0.25 };
+    pub const BROWN: Self = Self::Melanin { eumelanin: 0.72, pheomelanin: 0.3 };
     /// Black.
     pub const BLACK: Self = Self::Melanin { eumelanin: 6.0, pheomelanin: 0.0 };
     /// Blond.

@@ -60,7 +60,7 @@ pub struct Roughness {
 impl Default for Roughness {
     /// Clean, combed hair. Below 0.2 along the fibre it looks wet, above 0.45 dusty.
     fn default() -> Self {
-        Self { longitudinal: 0.28, azimuthal: 0.35 }
+        Self { longitudinal: 0.25, azimuthal: 0.3 }
     }
 }
 

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use crate::{chance::Chance, subject::Subject};
 
 /// Share of a child's distance at the root that is left at the tip. At 1 hair has no locks; below 0.3 it looks wet.
-const CLUMP: f32 = 0.5;
+const CLUMP: f32 = 0.4;
 
 /// Share of a strand's length by which a child may be shorter: a cut is never exact, and blunt ends look like a wig's.
 const SHORTER: f32 = 0.22;
@@ -52,6 +52,8 @@ pub(crate) struct Growth {
     pub density: usize,
     /// Pieces into which an edge of a strand is rounded.
     pub pieces: usize,
+    /// Rounds of polishing.
+    pub polish: usize,
     /// Chance.
     pub seed: u64,
 }
@@ -74,8 +76,9 @@ impl Grown {
                 return;
             }
             let range = hair.offsets[n]..hair.offsets[n + 1];
-            let own: Vec<Point> =
+            let mut own: Vec<Point> =
                 range.map(|i| Point { at: hair.points[i], motion: hair.motion[i] }).collect();
+            polish(&mut own, growth.polish);
             let strand = Strand::new(rounded(&own, growth.pieces), &cell);
             for (child, out) in out.chunks_mut(counts[n]).enumerate() {
                 strand.child(&cell, growth.seed ^ u64::from(hair.names[n]) << 20, child as u64, out);
@@ -211,6 +214,21 @@ impl Strand {
     }
 }
 
+/// Takes the trembling of captured strands out and leaves their waves: each round smooths and then unsmooths a little more
+/// (Taubin 1995). Ends stay. With edges of 5 mm, four rounds leave 0 of a zigzag, 34 % of a wave of 20 mm, 93 % of one of
+/// 38 mm and all of one of 60 mm.
+fn polish(points: &mut [Point], rounds: usize) {
+    const SMOOTH: f32 = 0.5;
+    const UNSMOOTH: f32 = -0.53;
+    let mut moved = vec![Vec3::ZERO; points.len()];
+    for by in std::iter::repeat_n([SMOOTH, UNSMOOTH], rounds).flatten() {
+        for k in 1..points.len() - 1 {
+            moved[k] = ((points[k - 1].at + points[k + 1].at) * 0.5 - points[k].at) * by;
+        }
+        points.iter_mut().zip(&moved).for_each(|(p, by)| p.at += *by);
+    }
+}
+
 /// A smooth curve through the points with `pieces` pieces an edge (Catmull and Rom 1974).
 fn rounded(points: &[Point], pieces: usize) -> Vec<Point> {
     if pieces < 2 {
@@ -248,8 +266,20 @@ mod tests {
     }
 
     #[test]
+    fn polishing_takes_trembling_and_leaves_waves() {
+        let amplitude = |edges: f32| {
+            let wave = |k: usize| 3.0 * (std::f32::consts::TAU * k as f32 / edges).cos();
+            let point = |k| Point { at: Vec3::new(wave(k), 0.0, 5.0 * k as f32), motion: Vec3::ZERO };
+            let mut points: Vec<Point> = (0..61).map(point).collect();
+            polish(&mut points, 4);
+            points[24..36].iter().map(|p| p.at.x).fold(0.0, f32::max) / 3.0
+        };
+        assert!(amplitude(2.0) < 0.02 && amplitude(12.0) > 0.97, "{} {}", amplitude(2.0), amplitude(12.0));
+    }
+
+    #[test]
     fn children_stay_with_their_strand_and_move_with_it() {
-        let growth = Growth { density: 8, pieces: 1, seed: 3 };
+        let growth = Growth { density: 8, pieces: 1, polish: 2, seed: 3 };
         let grown = |hair: &Hair| Grown::new(&Subject { hair, head: None }, &growth);
         let (here, there) = (grown(&bundle(Vec3::ZERO)), grown(&bundle(Vec3::new(40.0, -20.0, 7.0))));
         let moved = here.points.iter().zip(&there.points).map(|(a, b)| b.at - a.at - Vec3::new(40.0, -20.0, 7.0));

@@ -40,10 +40,10 @@ impl LightRig {
             Light { towards, irradiance }
         };
         let lights = vec![
-            light(-32.0, 38.0, Vec3::new(1.0, 0.97, 0.92) * 6.0),
-            light(150.0, 40.0, Vec3::new(0.95, 0.98, 1.0) * 4.5),
-            light(55.0, 12.0, Vec3::new(0.96, 0.98, 1.0) * 2.0),
+            light(-32.0, 38.0, Vec3::new(1.0, 0.97, 0.92) * 8.5),
+            light(150.0, 40.0, Vec3::new(0.95, 0.98, 1.0) * 6.0),
+            light(55.0, 12.0, Vec3::new(0.96, 0.98, 1.0) * 2.4),
         ];
-        Self { lights, dome: Vec3::splat(0.34), up: up.as_vec3() }
+        Self { lights, dome: Vec3::splat(0.5), up: up.as_vec3() }
     }
 }

@@ -131,8 +131,12 @@ impl Tile {
         let across = step.perp() / length;
         let (moved_a, moved_b) = (a.motion.dot(across), b.motion.dot(across));
         let (low, high) = (from.x.min(to.x).max(0.0), from.x.max(to.x).min(TILE as f32));
-        for i in low.floor() as usize..high.ceil().max(0.0) as usize {
+        // Casts cut off: of numbers that are not negative that is the floor, and faster than asking for it.
+        for i in low as usize..((high + 1.0).max(0.0) as usize).min(TILE) {
             let (start, end) = (low.max(i as f32), high.min((i + 1) as f32));
+            if end <= start {
+                continue;
+            }
             let t = (0.5 * (start + end) - from.x) / run;
             let middle = from.y + (to.y - from.y) * t;
             let width = a.width + (b.width - a.width) * t;
@@ -140,8 +144,8 @@ impl Tile {
             let spread = (width * width + moved * moved).sqrt();
             let half = 0.5 * spread * slant;
             let dense = (end - start) * width / spread;
-            let first = (middle - half - 1.5).ceil().max(0.0) as usize;
-            let last = ((middle + half + 0.5).ceil().max(0.0) as usize).min(TILE);
+            let first = (middle - half - 0.5).max(0.0) as usize;
+            let last = ((middle + half + 1.5).max(0.0) as usize).min(TILE);
             let depth = a.depth + (b.depth - a.depth) * t;
             for j in first..last {
                 let pixel = if steep { i * TILE + j } else { j * TILE + i };

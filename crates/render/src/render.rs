@@ -45,6 +45,8 @@ pub struct Settings {
     pub hair_mm: f32,
     /// Share of a frame for which the shutter is open, 0 (sharp) to 1.
     pub shutter: f32,
+    /// Rounds by which strands are freed from the trembling of captured ones; 0 draws them as they are.
+    pub polish: usize,
     /// Seed of the children and shades.
     pub seed: u64,
 }
@@ -57,6 +59,7 @@ impl Default for Settings {
             density: 10,
             hair_mm: 0.08,
             shutter: 0.5,
+            polish: 4,
             seed: 1,
         }
     }
@@ -71,6 +74,9 @@ impl Settings {
         let rough = [self.roughness.longitudinal, self.roughness.azimuthal];
         if !(1..=MAX_DENSITY).contains(&self.density) {
             return wrong("density", self.density.to_string(), format!("1..={MAX_DENSITY}"));
+        }
+        if self.polish > 100 {
+            return wrong("polish", self.polish.to_string(), "0..=100".into());
         }
         if !in_range(self.shutter, 0.0, 1.0) {
             return wrong("motion blur", self.shutter.to_string(), "0..=1".into());
@@ -122,7 +128,8 @@ pub fn render(
     let lap = |what: &str| eprintln!("{what} {:.3}", t0.elapsed().as_secs_f64());
     let width_mm = settings.width_mm(subject.hair.strand_count());
     let pieces = pieces(subject, camera);
-    let grown = Grown::new(subject, &Growth { density: settings.density, pieces, seed: settings.seed });
+    let growth = Growth { density: settings.density, pieces, polish: settings.polish, seed: settings.seed };
+    let grown = Grown::new(subject, &growth);
     lap("grown");
     let vertices = subject.head.as_ref().map(in_world);
     let surface = subject.head.as_ref().zip(vertices.as_ref());

@@ -10,8 +10,8 @@ use rayon::prelude::*;
 
 use crate::{chance::Chance, groom::Grown};
 
-/// Width of a column \[mm\]. Below 1 mm columns hold too few hairs and shadows are noise; above 3 mm locks throw none.
-const CELL_MM: f32 = 1.6;
+/// Width of a column \[mm\]. Below 1.5 mm cells hold too few pieces of hair and shadows are noise; above 3 mm locks throw none.
+const CELL_MM: f32 = 2.2;
 
 /// Most cells of a volume: 64 MB. A larger scene has wider columns.
 const MAX_CELLS: f32 = 16e6;
@@ -76,7 +76,8 @@ impl Shadow {
                 for pair in strand.windows(2) {
                     let (a, b) = (self.axes * pair[0].at, self.axes * pair[1].at);
                     let across = (b - a).truncate().length();
-                    let at = (a.lerp(b, chance.share()) - self.low) * self.per_mm;
+                    let spread = Vec3::new(chance.share() - 0.5, chance.share() - 0.5, 0.0);
+                    let at = (a.lerp(b, chance.share()) - self.low) * self.per_mm + spread;
                     let [x, y, z] = at.max(Vec3::ZERO).to_array().map(|c| c as usize);
                     let cell = (y.min(ny - 1) * nx + x.min(nx - 1)) * nz + z.min(nz - 1);
                     counts[cell].fetch_add((across * of_mm).round() as u32, Ordering::Relaxed);

@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// Albedo of skin, linear RGB.
-const SKIN: Vec3 = Vec3::new(0.50, 0.31, 0.23);
+const SKIN: Vec3 = Vec3::new(0.27, 0.165, 0.12);
 
 /// What the scalp returns under hair, as a share of the hair's own albedo: between roots one sees roots. At 1 bald places
 /// are brighter than the hair around them.

@@ -23,8 +23,8 @@ const SPREAD: f32 = 0.7;
 
 /// Spread of the shade among strands and among the children of one \[levels\]. Without it hair looks like plastic, with
 /// twice as much like straw.
-const SHADE_OF_STRAND: f32 = 0.75;
-const SHADE_OF_CHILD: f32 = 0.9;
+const SHADE_OF_STRAND: f32 = 1.1;
+const SHADE_OF_CHILD: f32 = 1.1;
 
 /// Share of a hair over which its tip thins out, and what is left there.
 const TIP: f32 = 0.3;
