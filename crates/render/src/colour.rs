@@ -18,11 +18,11 @@ pub enum HairColour {
 
 impl HairColour {
     /// Brown.
-    pub const BROWN: Self = Self::Melanin { eumelanin: 0.72, pheomelanin: 0.3 };
+    pub const BROWN: Self = Self::Melanin { eumelanin: 0.8, pheomelanin: 0.45 };
     /// Black.
     pub const BLACK: Self = Self::Melanin { eumelanin: 6.0, pheomelanin: 0.0 };
     /// Blond.
-    pub const BLOND: Self = Self::Melanin { eumelanin: 0.22, pheomelanin: 0.16 };
+    pub const BLOND: Self = Self::Melanin { eumelanin: 0.17, pheomelanin: 0.2 };
     /// Red.
     pub const RED: Self = Self::Melanin { eumelanin: 0.25, pheomelanin: 1.4 };
     /// Grey.
@@ -56,9 +56,13 @@ pub fn linear_of_srgb(value: u8) -> f32 {
 
 /// 8-bit sRGB of linear light (IEC 61966-2-1), rounded; what is beyond 0 to 1 is clipped.
 pub fn srgb_of_linear(linear: f32) -> u8 {
+    coded(linear).round() as u8
+}
+
+/// As [`srgb_of_linear`], not rounded, 0 to 255.
+pub(crate) fn coded(linear: f32) -> f32 {
     let v = linear.clamp(0.0, 1.0);
-    let coded = if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
-    (255.0 * coded).round() as u8
+    255.0 * if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
 }
 
 #[cfg(test)]

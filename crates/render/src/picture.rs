@@ -3,7 +3,10 @@
 use glam::Vec3;
 use strandflow_core::{Plane, RgbImage};
 
-use crate::colour::{linear_of_srgb, srgb_of_linear};
+use crate::{
+    chance::Chance,
+    colour::{coded, linear_of_srgb, srgb_of_linear},
+};
 
 /// A rendered picture.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,7 +58,8 @@ impl Picture {
             let [r, g, b, coverage] = self.linear[(x, y)];
             let light = shoulder(Vec3::new(r, g, b), coverage);
             let light = light + backdrop.at(x, y, width, height) * (1.0 - coverage);
-            light.to_array().map(srgb_of_linear)
+            let grain = if matches!(backdrop, Backdrop::Gradient(..)) { grain(x, y) } else { 0.0 };
+            light.to_array().map(|v| (coded(v) + grain).round().clamp(0.0, 255.0) as u8)
         })
     }
 
@@ -67,6 +71,12 @@ impl Picture {
             [r, g, b, (255.0 * coverage.clamp(0.0, 1.0)).round() as u8]
         })
     }
+}
+
+/// Less than a level, by chance: a gradient rounded to 8 bits shows steps.
+fn grain(x: usize, y: usize) -> f32 {
+    let mut chance = Chance::of(x as u64, y as u64);
+    chance.share() - 0.5
 }
 
 /// Rolls off what is brighter than film takes, in front of any backdrop: highlights stay coloured instead of clipping.

@@ -124,23 +124,17 @@ pub fn render(
     if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
         return Err(RenderError::Size { width, height });
     }
-    let t0 = std::time::Instant::now();
-    let lap = |what: &str| eprintln!("{what} {:.3}", t0.elapsed().as_secs_f64());
     let width_mm = settings.width_mm(subject.hair.strand_count());
     let pieces = pieces(subject, camera);
     let growth = Growth { density: settings.density, pieces, polish: settings.polish, seed: settings.seed };
     let grown = Grown::new(subject, &growth);
-    lap("grown");
     let vertices = subject.head.as_ref().map(in_world);
     let surface = subject.head.as_ref().zip(vertices.as_ref());
     let surface = surface.map(|(head, vertices)| Surface { vertices, faces: &head.mesh.faces });
     let shadows: Vec<Shadow> =
         rig.lights.iter().map(|l| Shadow::new(l.towards, &grown, width_mm, surface.as_ref())).collect();
-    lap("shadows");
     let dome = Dome::new(&grown, width_mm, surface.as_ref(), rig.up);
-    lap("dome");
     let scattering = Scattering::new(settings.colour, settings.roughness);
-    lap("tables");
     let lighting = Lighting { rig, shadows: &shadows, dome: &dome, scattering: &scattering };
     let centre = camera.centre_in_world().as_vec3();
     let eye = Eye { camera, centre, shutter: settings.shutter, width_mm, seed: settings.seed };
@@ -148,13 +142,9 @@ pub fn render(
         (Some(head), Some(surface)) => skin(head, surface, subject.hair, &lighting, &eye),
         _ => Vec::new(),
     };
-    lap("skin");
     let threads = Threads::new(subject.hair, &grown, &lighting, &eye);
-    lap("threads");
     let faces = surface.as_ref().map_or(&[][..], |surface| surface.faces);
-    let p = draw(&Drawn { grown: &grown, threads: &threads, faces, skin: &skin }, [width, height]);
-    lap("drawn");
-    Ok(p)
+    Ok(draw(&Drawn { grown: &grown, threads: &threads, faces, skin: &skin }, [width, height]))
 }
 
 /// Pieces into which an edge is rounded, so that none is longer than some pixels.

@@ -64,16 +64,18 @@ impl Shadow {
         shadow
     }
 
+    /// Every second piece stands for two: cells hold some of several hairs.
     fn fill(&mut self, hair: &Grown, width_mm: f32, cell: f32) {
+        const STEP: usize = 2;
         let [nx, ny, nz] = self.dims;
         let counts: Vec<AtomicU32> = (0..nx * ny * nz).map(|_| AtomicU32::new(0)).collect();
-        let of_mm = width_mm / (cell * cell) / COUNT;
+        let of_mm = STEP as f32 * width_mm / (cell * cell) / COUNT;
         (0..hair.counts.len()).into_par_iter().for_each(|n| {
             let points = &hair.points[hair.starts[n]..hair.starts[n + 1]];
             // Points lie equally far along all strands of a take: places drawn by chance keep that out of the shadows.
             let mut chance = Chance::of(0x5ad0, n as u64);
-            for strand in points.chunks(hair.counts[n].max(1)) {
-                for pair in strand.windows(2) {
+            for (child, strand) in points.chunks(hair.counts[n].max(1)).enumerate() {
+                for pair in strand.windows(2).skip(child % STEP).step_by(STEP) {
                     let (a, b) = (self.axes * pair[0].at, self.axes * pair[1].at);
                     let across = (b - a).truncate().length();
                     let spread = Vec3::new(chance.share() - 0.5, chance.share() - 0.5, 0.0);
