@@ -25,7 +25,13 @@ impl From<RenderError> for Failed {
 
 pub fn render(args: &RenderArgs) -> Result<(), Failed> {
     let colour = hair_colour(&args.colour)?;
-    let settings = Settings { colour, shutter: args.motion_blur, density: args.density.unwrap_or(1), polish: args.polish, ..Settings::default() };
+    let settings = Settings {
+        colour,
+        shutter: args.motion_blur,
+        density: args.density.unwrap_or(1),
+        polish: args.polish,
+        ..Settings::default()
+    };
     settings.check()?;
     let take = Take::open(&args.take)?;
     let behind = background(args, &take)?;
@@ -61,6 +67,10 @@ fn sequence(
     let fps = if args.turntable.is_some() { TURNTABLE_FPS } else { take.manifest().fps };
     let mut scene = Scene { take, strands, head: HeadOf::new(take), behind, settings: settings.clone(), pool };
     let first = &shots[0];
+    if args.turntable.is_some() && shots.iter().all(|shot| shot.t == first.t) {
+        // What stands still on a turntable is sharp, however fast it moved when it was taken.
+        scene.settings.shutter = 0.0;
+    }
     if args.density.is_none() {
         scene.settings.density = scene.full(first)?;
     }

@@ -73,7 +73,10 @@ impl Output {
                 };
                 if taken {
                     let fact = format!("{}: is there and not an empty folder", path.display());
-                    return Err(Failed::input(fact, "give a new folder, or a name that ends in .png, .mp4, .mov or .webm"));
+                    return Err(Failed::input(
+                        fact,
+                        "give a new folder, or a name that ends in .png, .mp4, .mov or .webm",
+                    ));
                 }
                 let now = hidden(path);
                 // What a killed program left.

@@ -52,7 +52,8 @@ impl<'a> HeadOf<'a> {
         // At the end the motion is that of the frame before.
         let next = pose(frame + 1);
         let before = frame.checked_sub(1).and_then(pose);
-        let next_world_from_head = next.or_else(|| Some(world_from_head.after(&before?.inverse()).after(&world_from_head)));
+        let next_world_from_head =
+            next.or_else(|| Some(world_from_head.after(&before?.inverse()).after(&world_from_head)));
         let next_world_from_head = next_world_from_head.unwrap_or(world_from_head);
         Some(Head { mesh: self.mesh.as_ref()?, world_from_head, next_world_from_head })
     }

@@ -20,7 +20,8 @@ fn scene(root: &Path) -> (PathBuf, PathBuf) {
         for n in 0..60 {
             for (k, at) in sequence.range(t, n).enumerate() {
                 let around = n as f32 * 0.1;
-                sequence.points[at] = Vec3::new(80.0 * around.cos() + t as f32, 80.0 * around.sin(), 60.0 - 9.0 * k as f32);
+                sequence.points[at] =
+                    Vec3::new(80.0 * around.cos() + t as f32, 80.0 * around.sin(), 60.0 - 9.0 * k as f32);
                 sequence.provenance[at] = Provenance::Observed;
                 sequence.confidence[at] = 1.0;
             }

@@ -33,7 +33,14 @@ impl VideoWriter {
         let codec: &[&str] = match ending.as_str() {
             "mp4" | "mov" => &["-c:v", "libx264", "-crf", "16", "-preset", "medium", "-movflags", "+faststart"],
             "webm" => &["-c:v", "libvpx-vp9", "-crf", "24", "-b:v", "0", "-row-mt", "0"],
-            _ => return Err(IoError::content(path, At::FILE, "is no video that is written", "end it in .mp4, .mov or .webm")),
+            _ => {
+                return Err(IoError::content(
+                    path,
+                    At::FILE,
+                    "is no video that is written",
+                    "end it in .mp4, .mov or .webm",
+                ));
+            }
         };
         let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let temporary = path.with_file_name(format!(".{name}.tmp.{ending}"));
@@ -67,7 +74,8 @@ impl VideoWriter {
     /// ffmpeg does not take it, or it has another size than the video.
     pub fn push(&mut self, image: &RgbImage) -> Result<(), IoError> {
         if [image.width, image.height] != self.size {
-            let fact = format!("a frame is {}×{}, the video {}×{}", image.width, image.height, self.size[0], self.size[1]);
+            let fact =
+                format!("a frame is {}×{}, the video {}×{}", image.width, image.height, self.size[0], self.size[1]);
             return Err(IoError::content(&self.path, At::FILE, fact, "give frames of one size"));
         }
         let Some(frames) = &mut self.frames else { return Ok(()) };

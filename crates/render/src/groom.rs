@@ -76,8 +76,7 @@ impl Grown {
                 return;
             }
             let range = hair.offsets[n]..hair.offsets[n + 1];
-            let mut own: Vec<Point> =
-                range.map(|i| Point { at: hair.points[i], motion: hair.motion[i] }).collect();
+            let mut own: Vec<Point> = range.map(|i| Point { at: hair.points[i], motion: hair.motion[i] }).collect();
             polish(&mut own, growth.polish);
             let strand = Strand::new(rounded(&own, growth.pieces), &cell);
             for (child, out) in out.chunks_mut(counts[n]).enumerate() {
@@ -162,9 +161,7 @@ struct Strand {
 impl Strand {
     fn new(points: Vec<Point>, cell: &Cell) -> Self {
         let last = points.len() - 1;
-        let tangent = |k: usize| {
-            (points[(k + 1).min(last)].at - points[k.saturating_sub(1)].at).normalize_or(Vec3::Z)
-        };
+        let tangent = |k: usize| (points[(k + 1).min(last)].at - points[k.saturating_sub(1)].at).normalize_or(Vec3::Z);
         let [u, v, normal] = cell.scalp(points[0].at);
         let mut turn = Quat::from_rotation_arc(normal, tangent(0));
         let mut frames = vec![[turn * u, turn * v]];
@@ -259,7 +256,8 @@ mod tests {
         let mut hair = Hair::default();
         for n in 0..50u32 {
             let root = Vec3::new((n % 10) as f32 * 3.0, (n / 10) as f32 * 3.0, 0.0) + shift;
-            let strand: Vec<Vec3> = (0..30).map(|k| root + Vec3::new(0.0, 0.02 * (k * k) as f32, 5.0 * k as f32)).collect();
+            let strand: Vec<Vec3> =
+                (0..30).map(|k| root + Vec3::new(0.0, 0.02 * (k * k) as f32, 5.0 * k as f32)).collect();
             hair.push(n, &strand, &[]);
         }
         hair

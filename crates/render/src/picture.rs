@@ -87,7 +87,8 @@ fn shoulder(light: Vec3, coverage: f32) -> Vec3 {
         return Vec3::ZERO;
     }
     let own = light / coverage;
-    let rolled = own.map(|v| if v > KNEE { KNEE + (1.0 - KNEE) * (1.0 - (-(v - KNEE) / (1.0 - KNEE)).exp()) } else { v });
+    let rolled =
+        own.map(|v| if v > KNEE { KNEE + (1.0 - KNEE) * (1.0 - (-(v - KNEE) / (1.0 - KNEE)).exp()) } else { v });
     rolled * coverage
 }
 

@@ -13,6 +13,10 @@ use crate::{skin::SkinVertex, thread::Vertex};
 /// Pixels along each side of a tile. Smaller tiles hold more hairs twice, larger ones are badly shared among threads.
 pub(crate) const TILE: usize = 32;
 
+/// A tile is cut into blocks; hairs whose blocks are all closed are passed over without a look at pixels.
+const BLOCK: usize = 8;
+const BLOCKS: usize = TILE / BLOCK;
+
 /// Samples of the skin along each side of a pixel; each row of them sees another moment of the open shutter.
 const SAMPLES: usize = 4;
 
@@ -26,8 +30,10 @@ pub(crate) struct Tile {
     /// Light of the hairs before and behind the skin, and what comes through them.
     layers: [Vec<Passed>; 2],
     skin: Vec<SkinPixel>,
-    /// Pixels through which nothing more is seen.
-    closed: usize,
+    /// Pixels of each block through which more is seen.
+    open: [u8; BLOCKS * BLOCKS],
+    /// One bit a block that has such pixels.
+    open_blocks: u16,
 }
 
 /// Light gathered on the way into the picture, and the share of what is behind that is seen through it.
@@ -48,7 +54,13 @@ impl Tile {
     /// An empty tile at a pixel.
     pub(crate) fn new(origin: [usize; 2]) -> Self {
         let clear = vec![Passed { light: Vec3::ZERO, through: 1.0 }; TILE * TILE];
-        Self { origin, layers: [clear.clone(), clear], skin: vec![SkinPixel::default(); TILE * TILE], closed: 0 }
+        Self {
+            origin,
+            layers: [clear.clone(), clear],
+            skin: vec![SkinPixel::default(); TILE * TILE],
+            open: [(BLOCK * BLOCK) as u8; BLOCKS * BLOCKS],
+            open_blocks: u16::MAX,
+        }
     }
 
     /// Draws the skin; before any hair.
@@ -110,13 +122,24 @@ impl Tile {
 
     /// Whether nothing that follows can be seen.
     pub(crate) fn is_closed(&self) -> bool {
-        self.closed == TILE * TILE
+        self.open_blocks == 0
+    }
+
+    /// Whether all blocks that a rectangle within the tile \[px\] touches are closed.
+    fn is_hidden(&self, low: Vec2, high: Vec2) -> bool {
+        let block = |v: f32| (v.max(0.0) as usize / BLOCK).min(BLOCKS - 1);
+        let columns = (1u16 << (block(high.x) + 1)) - (1u16 << block(low.x));
+        (block(low.y)..=block(high.y)).all(|row| self.open_blocks >> (row * BLOCKS) & columns == 0)
     }
 
     /// Lays a piece of a hair behind those that are there; asks for the light of its ends only if it can be seen.
     pub(crate) fn piece(&mut self, a: &Vertex, b: &Vertex, light: impl Fn() -> [Vec3; 2]) {
-        let mut ends = None;
         let origin = Vec2::new(self.origin[0] as f32, self.origin[1] as f32);
+        let reach = reach(a, b);
+        if self.is_hidden(a.at.min(b.at) - reach - origin, a.at.max(b.at) + reach - origin) {
+            return;
+        }
+        let mut ends = None;
         let step = b.at - a.at;
         let length = step.length();
         // Sweeps the axis along which the hair runs; `swap` makes that the first coordinate.
@@ -173,7 +196,17 @@ impl Tile {
         if passed.through <= OPAQUE {
             // What is behind opaque hair, or behind opaque skin, is not seen either.
             self.layers[1][pixel].through = 0.0;
-            self.closed += usize::from(layer == 0);
+            if layer == 0 {
+                self.close(pixel);
+            }
+        }
+    }
+
+    fn close(&mut self, pixel: usize) {
+        let block = pixel / TILE / BLOCK * BLOCKS + pixel % TILE / BLOCK;
+        self.open[block] -= 1;
+        if self.open[block] == 0 {
+            self.open_blocks &= !(1 << block);
         }
     }
 
@@ -186,6 +219,11 @@ impl Tile {
         let light = front.light + skin.colour * (front.through * skin.coverage) + back.light * past;
         [light.x, light.y, light.z, 1.0 - past * back.through]
     }
+}
+
+/// How far from its line a piece may cover pixels, at most \[px\].
+pub(crate) fn reach(a: &Vertex, b: &Vertex) -> f32 {
+    1.5 + a.width.max(b.width) + 0.75 * (a.motion.length_squared().max(b.motion.length_squared())).sqrt()
 }
 
 /// The integral of the tent of one pixel from far left to `x` \[px\].
@@ -237,9 +275,7 @@ mod tests {
     #[test]
     fn a_hair_lies_where_it_is() {
         let mut tile = Tile::new([64, 32]);
-        let vertex = |x: f32, y: f32| {
-            Vertex { at: Vec2::new(x, y), depth: 1.0, width: 0.1, motion: Vec2::ZERO }
-        };
+        let vertex = |x: f32, y: f32| Vertex { at: Vec2::new(x, y), depth: 1.0, width: 0.1, motion: Vec2::ZERO };
         tile.piece(&vertex(70.2, 40.0), &vertex(74.7, 58.0), white);
         let sum = |f: &dyn Fn(usize, usize) -> f32| (0..TILE * TILE).map(|i| f(i % TILE, i / TILE)).sum::<f32>();
         let whole = sum(&|x, y| tile.pixel(x, y)[3]);
@@ -258,9 +294,7 @@ mod tests {
             colour: Vec3::new(1.0, 0.0, 0.0),
         };
         tile.skin(&[[0, 1, 2]], &[0], &[corner(-5.0, -5.0), corner(90.0, -5.0), corner(-5.0, 90.0)]);
-        let vertex = |y: f32, depth: f32| {
-            Vertex { at: Vec2::new(10.5, y), depth, width: 0.5, motion: Vec2::ZERO }
-        };
+        let vertex = |y: f32, depth: f32| Vertex { at: Vec2::new(10.5, y), depth, width: 0.5, motion: Vec2::ZERO };
         tile.piece(&vertex(2.0, 12.0), &vertex(30.0, 12.0), white);
         assert_eq!(tile.pixel(10, 12), [1.0, 0.0, 0.0, 1.0]);
         tile.piece(&vertex(2.0, 8.0), &vertex(30.0, 8.0), white);

@@ -9,10 +9,10 @@ use crate::{
     colour::HairColour,
     dome::Dome,
     fibre::Roughness,
-    groom::{Growth, Grown},
+    groom::{Grown, Growth},
     light::LightRig,
     picture::Picture,
-    raster::{TILE, Tile},
+    raster::{TILE, Tile, reach},
     scattering::Scattering,
     shadow::{Shadow, Surface},
     skin::{SkinVertex, in_world, skin},
@@ -112,12 +112,7 @@ pub fn full_density(strands: usize, px_per_mm: f64) -> usize {
 /// # Errors
 /// There is no strand, a position is not finite, a setting is out of range, or the camera's picture is empty or larger
 /// than [`MAX_SIDE`].
-pub fn render(
-    subject: &Subject,
-    camera: &Camera,
-    rig: &LightRig,
-    settings: &Settings,
-) -> Result<Picture, RenderError> {
+pub fn render(subject: &Subject, camera: &Camera, rig: &LightRig, settings: &Settings) -> Result<Picture, RenderError> {
     settings.check()?;
     subject.hair.check()?;
     let (width, height) = (camera.width, camera.height);
@@ -187,9 +182,7 @@ fn draw(drawn: &Drawn, [width, height]: [usize; 2]) -> Picture {
             (0..TILE * TILE).map(|i| tile.pixel(i % TILE, i / TILE)).collect()
         })
         .collect();
-    let linear = Plane::from_fn(width, height, |x, y| {
-        tiles[y / TILE * grid[0] + x / TILE][y % TILE * TILE + x % TILE]
-    });
+    let linear = Plane::from_fn(width, height, |x, y| tiles[y / TILE * grid[0] + x / TILE][y % TILE * TILE + x % TILE]);
     Picture { linear }
 }
 
@@ -207,7 +200,7 @@ impl Drawn<'_> {
                     let (start, end, count) = (self.grown.starts[n], self.grown.starts[n + 1], self.grown.counts[n]);
                     for i in (start..end).filter(|i| (i - start) % count + 1 < count) {
                         let (a, b) = (&self.threads.vertices[i], &self.threads.vertices[i + 1]);
-                        let reach = 1.5 + a.width.max(b.width) + 0.5 * a.motion.length().max(b.motion.length());
+                        let reach = reach(a, b);
                         let (low, high) = (a.at.min(b.at) - reach, a.at.max(b.at) + reach);
                         for_tiles(low, high, grid, |t| tiles[t].push(i as u32));
                     }
@@ -219,8 +212,10 @@ impl Drawn<'_> {
 
     /// The pieces of a tile from the nearest to the farthest; of equally far ones the first.
     fn nearest_first(&self, pieces: &[Vec<Vec<u32>>], tile: usize) -> Vec<(u32, u32)> {
-        let depth = |i: u32| (self.threads.vertices[i as usize].depth + self.threads.vertices[i as usize + 1].depth).to_bits();
-        let mut out: Vec<(u32, u32)> = pieces.iter().flat_map(|part| part[tile].iter().map(|&i| (depth(i), i))).collect();
+        let depth =
+            |i: u32| (self.threads.vertices[i as usize].depth + self.threads.vertices[i as usize + 1].depth).to_bits();
+        let mut out: Vec<(u32, u32)> =
+            pieces.iter().flat_map(|part| part[tile].iter().map(|&i| (depth(i), i))).collect();
         // Depths are positive: their bits are in the order of the numbers.
         out.sort_unstable();
         out
@@ -252,4 +247,3 @@ fn for_tiles(low: Vec2, high: Vec2, grid: [usize; 2], mut f: impl FnMut(usize)) 
         span(low.x, high.x, grid[0]).for_each(|x| f(y * grid[0] + x));
     }
 }
-

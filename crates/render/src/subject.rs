@@ -81,9 +81,8 @@ impl Subject<'_> {
             let count = points.len().max(1) as f64;
             points.sum::<DVec3>() / count
         };
-        let roots: Vec<DVec3> = (0..self.hair.strand_count())
-            .filter_map(|n| self.hair.strand(n).first().map(|p| p.as_dvec3()))
-            .collect();
+        let roots: Vec<DVec3> =
+            (0..self.hair.strand_count()).filter_map(|n| self.hair.strand(n).first().map(|p| p.as_dvec3())).collect();
         match &self.head {
             Some(head) if !head.mesh.vertices.is_empty() => {
                 head.world_from_head.point(mean(&mut head.mesh.vertices.iter().copied()))

@@ -6,7 +6,8 @@ use strandflow_core::{Camera, Distortion, RigidTransform};
 /// The same view in another size \[px\]: as much of the scene as fits, in the middle.
 pub fn resized(camera: &Camera, [width, height]: [usize; 2]) -> Camera {
     let scale = (width as f64 / camera.width as f64).min(height as f64 / camera.height as f64);
-    let middle = [(width, camera.width), (height, camera.height)].map(|(new, old)| (new as f64 - scale * old as f64) / 2.0);
+    let middle =
+        [(width, camera.width), (height, camera.height)].map(|(new, old)| (new as f64 - scale * old as f64) / 2.0);
     Camera {
         width,
         height,
@@ -72,7 +73,8 @@ mod tests {
 
     #[test]
     fn a_turntable_has_the_subject_in_every_picture() {
-        let points: Vec<DVec3> = (0..200).map(|i| DVec3::new((i % 7) as f64 * 30.0, (i % 5) as f64 * 40.0, i as f64 * 2.0)).collect();
+        let points: Vec<DVec3> =
+            (0..200).map(|i| DVec3::new((i % 7) as f64 * 30.0, (i % 5) as f64 * 40.0, i as f64 * 2.0)).collect();
         for camera in turntable(&points, DVec3::Z, DVec3::Y, 12, [320, 240]) {
             for p in &points {
                 let at = project(&camera, *p).unwrap();

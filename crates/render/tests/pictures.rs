@@ -57,7 +57,9 @@ fn the_same_bytes_at_one_and_two_threads() {
         pool.install(|| render(&subject(), &camera, &rig, &Settings::default())).unwrap()
     };
     let (one, two) = (make(1), make(2));
-    assert!(one.linear.data.iter().flatten().zip(two.linear.data.iter().flatten()).all(|(a, b)| a.to_bits() == b.to_bits()));
+    assert!(
+        one.linear.data.iter().flatten().zip(two.linear.data.iter().flatten()).all(|(a, b)| a.to_bits() == b.to_bits())
+    );
     assert!(one.linear.data.iter().flatten().all(|v| v.is_finite() && *v >= 0.0));
     let covered = one.linear.data.iter().filter(|p| p[3] > 0.9).count();
     assert!(covered > 1500, "{covered} pixels of a head");
@@ -95,7 +97,8 @@ fn the_head_hides_hair_behind_it() {
     }
     let (mesh, camera) = (ball(), camera());
     // Without light hair is black, the head too: what is left is coverage, and the head's is the same.
-    let rig = LightRig { lights: vec![Light { towards: Vec3::Y, irradiance: Vec3::ONE }], dome: Vec3::ZERO, up: Vec3::Z };
+    let rig =
+        LightRig { lights: vec![Light { towards: Vec3::Y, irradiance: Vec3::ONE }], dome: Vec3::ZERO, up: Vec3::Z };
     let with = |head| render(&Subject { hair: &hair, head }, &camera, &rig, &one_hair(3, 0.0)).unwrap();
     assert!(sum(&with(None), 0) > 1.0, "lit from behind, hair alone shines");
     assert!(sum(&with(Some(head(&mesh))), 0) < 1e-3, "the head is between it and the eye");
@@ -114,7 +117,10 @@ fn motion_blur_moves_coverage_and_loses_none() {
         (sum(&picture, 3), sum(&picture, 1), most)
     };
     let (sharp, blurred) = (coverage(0.0), coverage(1.0));
-    assert!((blurred.0 / sharp.0 - 1.0).abs() < 0.01 && (blurred.1 / sharp.1 - 1.0).abs() < 0.01, "{sharp:?} {blurred:?}");
+    assert!(
+        (blurred.0 / sharp.0 - 1.0).abs() < 0.01 && (blurred.1 / sharp.1 - 1.0).abs() < 0.01,
+        "{sharp:?} {blurred:?}"
+    );
     assert!(blurred.2 < 0.3 * sharp.2, "spread over its way");
 }
 
