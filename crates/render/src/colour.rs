@@ -24,7 +24,7 @@ impl HairColour {
     /// Blond.
     pub const BLOND: Self = Self::Melanin { eumelanin: 0.17, pheomelanin: 0.2 };
     /// Red.
-    pub const RED: Self = Self::Melanin { eumelanin: 0.25, pheomelanin: 1.4 };
+    pub const RED: Self = Self::Melanin { eumelanin: 0.2, pheomelanin: 2.4 };
     /// Grey.
     pub const GREY: Self = Self::Bundle(Vec3::new(0.42, 0.42, 0.43));
 

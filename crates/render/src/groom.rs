@@ -4,7 +4,9 @@
 //! (parallel transport), from the scalp's tangent plane at the root; children come together towards the tips. All chance
 //! comes from the strand's name and the number of the child, so a child is the same hair in every frame.
 
-use glam::{DMat3, Mat3, Quat, Vec3};
+use std::f32::consts::TAU;
+
+use glam::{DMat3, Mat3, Quat, Vec2, Vec3};
 use rayon::prelude::*;
 
 use crate::{chance::Chance, subject::Subject};
@@ -181,14 +183,13 @@ impl Strand {
             return;
         }
         let mut chance = Chance::of(seed, child);
-        let place = Vec3::from((glam::Vec2::from_angle(chance.share() * std::f32::consts::TAU), 0.0)).truncate()
-            * (chance.share().sqrt() * cell.reach_mm);
+        let place = Vec2::from_angle(chance.share() * TAU) * (chance.share().sqrt() * cell.reach_mm);
         let end = 1.0 - SHORTER * chance.share().powi(2);
         let stray = if chance.share() < STRAYS { STRAY } else { 1.0 };
         let wander = WANDER_MM * stray;
         // Two waves a direction, 40 to 160 mm long.
         let waves: [[f32; 3]; 4] =
-            std::array::from_fn(|_| [chance.normal() * wander, 0.04 + 0.12 * chance.share(), chance.share() * 6.28]);
+            std::array::from_fn(|_| [chance.normal() * wander, 0.04 + 0.12 * chance.share(), chance.share() * TAU]);
         let last = self.points.len() - 1;
         for (k, out) in out.iter_mut().enumerate() {
             let along = k as f32 * end;
@@ -266,7 +267,7 @@ mod tests {
     #[test]
     fn polishing_takes_trembling_and_leaves_waves() {
         let amplitude = |edges: f32| {
-            let wave = |k: usize| 3.0 * (std::f32::consts::TAU * k as f32 / edges).cos();
+            let wave = |k: usize| 3.0 * (TAU * k as f32 / edges).cos();
             let point = |k| Point { at: Vec3::new(wave(k), 0.0, 5.0 * k as f32), motion: Vec3::ZERO };
             let mut points: Vec<Point> = (0..61).map(point).collect();
             polish(&mut points, 4);

@@ -1,5 +1,4 @@
 //! What pictures must be: the same at any number of threads, with hair where it is and nothing where the head hides it.
-#![expect(clippy::unwrap_used, reason = "a failing unwrap is a failing test")]
 
 use glam::{DVec3, Vec3};
 use strandflow_core::{Camera, RigidTransform, TriMesh};
