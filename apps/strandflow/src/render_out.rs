@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use strandflow_core::{Plane, RgbImage};
-use strandflow_io::{VIDEO_EXTENSIONS, VideoWriter, write_rgb_png, write_rgba_png};
+use strandflow_io::{IoError, VIDEO_EXTENSIONS, VideoWriter, image_file::is_image, write_rgb_png, write_rgba_png};
 
 use crate::failure::Failed;
 
@@ -66,6 +66,12 @@ impl Output {
                 std::fs::write(&probe, []).and_then(|()| std::fs::remove_file(&probe)).map_err(refused)?;
                 Ok(Self::Still(path.to_owned()))
             }
+            Kind::Folder
+                if is_image(path) || path.extension().is_some_and(|e| e == "avi" || e == "mkv" || e == "gif") =>
+            {
+                let fact = format!("{}: is of no format that is written", path.display());
+                Err(Failed::input(fact, "end it in .png, .mp4, .mov or .webm, or name a folder"))
+            }
             Kind::Folder => {
                 let taken = match std::fs::read_dir(path) {
                     Ok(mut entries) => entries.next().is_some(),
@@ -84,7 +90,15 @@ impl Output {
                 std::fs::create_dir(&now).map_err(refused)?;
                 Ok(Self::Folder(now, path.to_owned(), 0))
             }
-            Kind::Video => Ok(Self::Video(VideoWriter::create(path, size, fps)?)),
+            Kind::Video => match VideoWriter::create(path, size, fps) {
+                Ok(video) => Ok(Self::Video(video)),
+                Err(IoError::Program { program, .. }) => {
+                    let fact =
+                        format!("{}: the program `{program}`, which writes videos, was not found", path.display());
+                    Err(Failed::input(fact, "install ffmpeg and put it on the PATH, or name a folder for PNGs instead"))
+                }
+                Err(error) => Err(error.into()),
+            },
         }
     }
 

@@ -3,7 +3,10 @@
 
 mod common;
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+};
 
 use common::{assert_bad_input, stderr, strandflow, take, text};
 use glam::Vec3;
@@ -91,6 +94,19 @@ fn bad_input_says_what_and_leaves_nothing() {
     bad(&["--motion-blur", "7"], &["motion blur is 7", "0..=1"]);
     bad(&["--motion-blur", "nan"], &["motion blur is NaN"]);
     bad(&["--polish", "101"], &["polish is 101"]);
+    let gif = root.path().join("a.gif");
+    assert_bad_input(&render(&take, &hair, &[], &gif), &["a.gif", "no format that is written"]);
+    let mut run = Command::new(env!("CARGO_BIN_EXE_strandflow"));
+    let run = run
+        .env("PATH", "")
+        .arg("render")
+        .arg(&take)
+        .arg("--strands")
+        .arg(&hair)
+        .arg(root.path().join("a.mp4"))
+        .output()
+        .unwrap();
+    assert_bad_input(&run, &["ffmpeg", "was not found"]);
     // Not written to where nobody may, and not over what is there.
     assert_bad_input(&render(&take, &hair, &[], Path::new("/proc/no/out.png")), &["/proc/no"]);
     assert_bad_input(&render(&take, &hair, &[], &hair), &["not an empty folder"]);

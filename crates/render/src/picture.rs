@@ -22,7 +22,7 @@ pub enum Backdrop {
     Solid(Vec3),
     /// From the top to the bottom, linear RGB.
     Gradient(Vec3, Vec3),
-    /// An image, stretched over the picture.
+    /// An image, as large as fits and in the middle, like [`crate::resized`] shows its view; its edges go on.
     Image(RgbImage),
 }
 
@@ -38,8 +38,10 @@ impl Backdrop {
                 top.lerp(*bottom, t * t * (3.0 - 2.0 * t))
             }
             Self::Image(image) => {
+                let scale = (width as f32 / image.width as f32).min(height as f32 / image.height as f32);
                 let place = |at: usize, n: usize, of: usize| {
-                    let p = ((at as f32 + 0.5) * of as f32 / n as f32 - 0.5).clamp(0.0, of as f32 - 1.0);
+                    let p = (at as f32 + 0.5 - 0.5 * n as f32) / scale + 0.5 * of as f32 - 0.5;
+                    let p = p.clamp(0.0, of as f32 - 1.0);
                     (p as usize, (p as usize + 1).min(of - 1), p.fract())
                 };
                 let ((x0, x1, fx), (y0, y1, fy)) = (place(x, width, image.width), place(y, height, image.height));
@@ -102,5 +104,10 @@ mod tests {
         let empty = Picture { linear: Plane::filled(9, 7, [0.0; 4]) };
         assert_eq!(empty.over(&Backdrop::Image(image.clone())), image);
         assert_eq!(empty.cut_out()[(3, 3)], [0; 4]);
+        let wide = Picture { linear: Plane::filled(29, 14, [0.0; 4]) };
+        let wide = wide.over(&Backdrop::Image(image.clone()));
+        assert_eq!(wide[(0, 0)], image[(0, 0)], "edges go on beside it");
+        let centre = wide[(14, 7)].map(i32::from);
+        assert!(centre.iter().zip(image[(4, 3)]).all(|(a, b)| (a - i32::from(b)).abs() < 12), "{centre:?}");
     }
 }
