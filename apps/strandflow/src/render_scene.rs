@@ -62,9 +62,13 @@ impl<'a> HeadOf<'a> {
 /// The strands of the `t`-th frame with their motion; parts of strands that the frame lacks are left out.
 pub fn hair(strands: &dyn StrandFrames, t: usize) -> Result<Hair, Failed> {
     let now = strands.frame(t)?;
-    let last = strands.frames().len() - 1;
-    let before = if t > 0 { Some(strands.frame(t - 1)?) } else { None };
-    let after = if t < last { Some(strands.frame(t + 1)?) } else { None };
+    let frames = strands.frames();
+    let beside = |t: Option<usize>, frame: Option<u32>| -> Result<Option<StrandSequence>, Failed> {
+        let there = t.filter(|t| frame.is_some() && frames.get(*t).copied() == frame);
+        Ok(there.map(|t| strands.frame(t)).transpose()?)
+    };
+    let before = beside(t.checked_sub(1), frames[t].checked_sub(1))?;
+    let after = beside(Some(t + 1), frames[t].checked_add(1))?;
     let step = |other: &Option<StrandSequence>, at: usize| -> Option<Vec3> {
         let p = *other.as_ref()?.points.get(at)?;
         p.is_finite().then(|| p - now.points[at])

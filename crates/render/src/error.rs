@@ -22,6 +22,12 @@ pub enum RenderError {
         /// Rows.
         height: usize,
     },
+    /// The hairs have more points than are held at once.
+    #[error("the hair would have {points} points, at most {} are rendered", crate::MAX_POINTS)]
+    TooMany {
+        /// Points of all hairs.
+        points: usize,
+    },
     /// A setting is out of its range.
     #[error("{name} is {value}, not in {range}")]
     Setting {
@@ -41,6 +47,7 @@ impl RenderError {
             Self::NoHair => "give a stage or a frame that has strands".into(),
             Self::NotFinite { .. } => "leave missing points out of the strands".into(),
             Self::Size { .. } => format!("each side may have 1 to {} pixels", crate::MAX_SIDE),
+            Self::TooMany { .. } => "give a lower density, or a smaller picture".into(),
             Self::Setting { range, .. } => format!("give a value in {range}"),
         }
     }

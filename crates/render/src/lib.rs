@@ -42,6 +42,6 @@ pub use error::RenderError;
 pub use fibre::Roughness;
 pub use light::{Light, LightRig};
 pub use picture::{Backdrop, Picture};
-pub use render::{MAX_DENSITY, MAX_SIDE, Settings, full_density, render};
+pub use render::{MAX_DENSITY, MAX_POINTS, MAX_SIDE, Settings, full_density, render};
 pub use subject::{Hair, Head, Subject};
 pub use view::{look_at, resized, turntable};

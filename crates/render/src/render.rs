@@ -26,6 +26,9 @@ pub const MAX_SIDE: usize = 16_384;
 /// Most hairs a strand.
 pub const MAX_DENSITY: usize = 500;
 
+/// Most points of all hairs: about 3 GB.
+pub const MAX_POINTS: usize = 40_000_000;
+
 /// Hairs of a human head (Robbins 2012: 80,000 to 150,000).
 const HAIRS: f32 = 100_000.0;
 
@@ -110,7 +113,7 @@ pub fn full_density(strands: usize, px_per_mm: f64) -> usize {
 /// Renders a subject as a camera sees it, by the light of a rig.
 ///
 /// # Errors
-/// There is no strand, a position is not finite, a setting is out of range, or the camera's picture is empty or larger
+/// There is no strand, a position is not finite, a setting is out of range, the hairs have more than [`MAX_POINTS`], or the camera's picture is empty or larger
 /// than [`MAX_SIDE`].
 pub fn render(subject: &Subject, camera: &Camera, rig: &LightRig, settings: &Settings) -> Result<Picture, RenderError> {
     settings.check()?;
@@ -121,6 +124,10 @@ pub fn render(subject: &Subject, camera: &Camera, rig: &LightRig, settings: &Set
     }
     let width_mm = settings.width_mm(subject.hair.strand_count());
     let pieces = pieces(subject, camera);
+    let points = subject.hair.points.len().saturating_mul(pieces).saturating_mul(settings.density);
+    if points > MAX_POINTS {
+        return Err(RenderError::TooMany { points });
+    }
     let growth = Growth { density: settings.density, pieces, polish: settings.polish, seed: settings.seed };
     let grown = Grown::new(subject, &growth);
     let vertices = subject.head.as_ref().map(in_world);

@@ -140,6 +140,10 @@ fn bad_input_is_an_error_with_a_hint() {
     let mut broken = good.clone();
     broken.points[65].y = f32::NAN;
     assert_eq!(of(&broken, &camera, &Settings::default()), RenderError::NotFinite { strand: 2, point: 5 });
+    let mut many = Hair::default();
+    (0..8000).for_each(|n| many.push(n, &[Vec3::X * n as f32; 11], &[]));
+    let dense = Settings { density: 500, ..Settings::default() };
+    assert_eq!(of(&many, &camera, &dense), RenderError::TooMany { points: 44_000_000 });
     let huge = Camera { width: 1 << 40, ..camera.clone() };
     assert!(matches!(of(&good, &huge, &Settings::default()), RenderError::Size { .. }));
     for wrong in [
