@@ -30,6 +30,7 @@ pub fn render(args: &RenderArgs) -> Result<(), Failed> {
         shutter: args.motion_blur,
         density: args.density.unwrap_or(1),
         polish: args.polish,
+        skin: args.background != "footage",
         ..Settings::default()
     };
     settings.check()?;

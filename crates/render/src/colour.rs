@@ -9,7 +9,7 @@ pub enum HairColour {
     Melanin {
         /// 0.3 blond, 1.3 brown, 8 black.
         eumelanin: f32,
-        /// 1.5 red with little eumelanin.
+        /// 0 to 2; it reddens.
         pheomelanin: f32,
     },
     /// The colour that a thick bundle of such hair shows under white light, linear RGB, each 0 to 1.
@@ -24,7 +24,7 @@ impl HairColour {
     /// Blond.
     pub const BLOND: Self = Self::Melanin { eumelanin: 0.17, pheomelanin: 0.2 };
     /// Red.
-    pub const RED: Self = Self::Melanin { eumelanin: 0.2, pheomelanin: 2.4 };
+    pub const RED: Self = Self::Bundle(Vec3::new(0.25, 0.05, 0.012));
     /// Grey.
     pub const GREY: Self = Self::Bundle(Vec3::new(0.42, 0.42, 0.43));
 

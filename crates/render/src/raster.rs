@@ -210,6 +210,16 @@ impl Tile {
         }
     }
 
+    /// Radiance and coverage of the hair alone: the skin hides what is behind it, and is itself a hole.
+    pub(crate) fn hair_of_pixel(&self, x: usize, y: usize) -> [f32; 4] {
+        let i = y * TILE + x;
+        let [front, back] = [&self.layers[0][i], &self.layers[1][i]];
+        let seen = 1.0 - self.skin[i].coverage;
+        let light = front.light + back.light * (front.through * seen);
+        let through = front.through * (1.0 - seen * (1.0 - back.through));
+        [light.x, light.y, light.z, 1.0 - through]
+    }
+
     /// Radiance and coverage of a pixel (column and row within the tile), premultiplied.
     pub(crate) fn pixel(&self, x: usize, y: usize) -> [f32; 4] {
         let i = y * TILE + x;
@@ -297,6 +307,7 @@ mod tests {
         let vertex = |y: f32, depth: f32| Vertex { at: Vec2::new(10.5, y), depth, width: 0.5, motion: Vec2::ZERO };
         tile.piece(&vertex(2.0, 12.0), &vertex(30.0, 12.0), white);
         assert_eq!(tile.pixel(10, 12), [1.0, 0.0, 0.0, 1.0]);
+        assert_eq!(tile.hair_of_pixel(10, 12), [0.0; 4]);
         tile.piece(&vertex(2.0, 8.0), &vertex(30.0, 8.0), white);
         assert!(tile.pixel(10, 12)[1] > 0.3, "{:?}", tile.pixel(10, 12));
     }

@@ -48,6 +48,8 @@ pub struct Settings {
     pub hair_mm: f32,
     /// Share of a frame for which the shutter is open, 0 (sharp) to 1.
     pub shutter: f32,
+    /// Whether the head is drawn. Else it hides and shades hair, and is a hole in the picture: footage has its own.
+    pub skin: bool,
     /// Rounds by which strands are freed from the trembling of captured ones; 0 draws them as they are.
     pub polish: usize,
     /// Seed of the children and shades.
@@ -62,6 +64,7 @@ impl Default for Settings {
             density: 10,
             hair_mm: 0.08,
             shutter: 0.5,
+            skin: true,
             polish: 4,
             seed: 1,
         }
@@ -146,7 +149,7 @@ pub fn render(subject: &Subject, camera: &Camera, rig: &LightRig, settings: &Set
     };
     let threads = Threads::new(subject.hair, &grown, &lighting, &eye);
     let faces = surface.as_ref().map_or(&[][..], |surface| surface.faces);
-    Ok(draw(&Drawn { grown: &grown, threads: &threads, faces, skin: &skin }, [width, height]))
+    Ok(draw(&Drawn { grown: &grown, threads: &threads, faces, skin: &skin, draw_skin: settings.skin }, [width, height]))
 }
 
 /// Pieces into which an edge is rounded, so that none is longer than some pixels.
@@ -167,6 +170,7 @@ struct Drawn<'a> {
     threads: &'a Threads<'a>,
     faces: &'a [[u32; 3]],
     skin: &'a [SkinVertex],
+    draw_skin: bool,
 }
 
 fn draw(drawn: &Drawn, [width, height]: [usize; 2]) -> Picture {
@@ -186,7 +190,8 @@ fn draw(drawn: &Drawn, [width, height]: [usize; 2]) -> Picture {
                 let light = || [drawn.threads.colour(i), drawn.threads.colour(i + 1)];
                 tile.piece(&drawn.threads.vertices[i], &drawn.threads.vertices[i + 1], light);
             }
-            (0..TILE * TILE).map(|i| tile.pixel(i % TILE, i / TILE)).collect()
+            let pixel = if drawn.draw_skin { Tile::pixel } else { Tile::hair_of_pixel };
+            (0..TILE * TILE).map(|i| pixel(&tile, i % TILE, i / TILE)).collect()
         })
         .collect();
     let linear = Plane::from_fn(width, height, |x, y| tiles[y / TILE * grid[0] + x / TILE][y % TILE * TILE + x % TILE]);
