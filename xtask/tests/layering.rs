@@ -12,6 +12,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("stages", &["core", "geometry", "image", "volume", "dynamics"]),
     ("io", &["core", "geometry"]),
     ("eval", &["core", "geometry"]),
+    ("render", &["core", "geometry"]),
     ("synth", &["core", "geometry", "dynamics"]),
     ("engine", &["core", "geometry", "image", "volume", "dynamics", "stages", "io"]),
 ];

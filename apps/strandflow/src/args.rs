@@ -48,6 +48,8 @@ pub enum Command {
     Animate(AnimateArgs),
     /// Draw strands over one image of the footage.
     Overlay(OverlayArgs),
+    /// Render strands as hair: a still, a turntable or the footage's own view, as PNG or video.
+    Render(RenderArgs),
     /// Make a synthetic capture with truth.
     Synth(SynthArgs),
     /// Make a small synthetic capture, run everything on it, score it and write exports. Needs no file.
@@ -271,6 +273,55 @@ pub struct OverlayArgs {
     #[arg(long)]
     pub provenance: bool,
     /// The PNG to write.
+    pub out: PathBuf,
+}
+
+/// `strandflow render`.
+#[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("camera_of").args(["view", "turntable"]))]
+pub struct RenderArgs {
+    /// The take.
+    pub take: PathBuf,
+    /// Strands of which stage.
+    #[arg(long, default_value = "blend")]
+    pub stage: SequenceStage,
+    /// Render these strands instead, made by any program: a .npz, or a folder of .hair or .data files, one a frame.
+    #[arg(long, value_name = "FILE")]
+    pub strands: Option<PathBuf>,
+    /// The camera: a view of the take, or of --camera; the first one by default.
+    #[arg(long, value_name = "VIEW")]
+    pub view: Option<String>,
+    /// N pictures around the head, of the frames in turn (by default of one frame that stands still).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub turntable: Option<u32>,
+    /// A calibration with the camera, in any format that `new` reads, in the take's world.
+    #[arg(long, value_name = "FILE", conflicts_with = "turntable")]
+    pub camera: Option<PathBuf>,
+    /// Frames; all by default, of a still the first.
+    #[arg(long, value_name = "A..B")]
+    pub frames: Option<FrameRange>,
+    /// Size of the picture; the camera's by default.
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<String>,
+    /// brown, black, blond, red, grey, or #rrggbb: what a thick bundle shows in white light.
+    #[arg(long, default_value = "brown")]
+    pub colour: String,
+    /// plate (the view without the subject), footage, paper, #rrggbb, or none (transparent PNG).
+    #[arg(long, default_value = "paper")]
+    pub background: String,
+    /// Share of a frame for which the shutter is open; 0 is sharp.
+    #[arg(long, default_value_t = 0.5, value_name = "SHARE")]
+    pub motion_blur: f32,
+    /// Hairs drawn for each strand; by default as many as make the hair look full.
+    #[arg(long, value_name = "N")]
+    pub density: Option<usize>,
+    /// Rounds by which strands are freed from the trembling of captured ones; 0 draws them as they are.
+    #[arg(long, default_value_t = 4, value_name = "N")]
+    pub polish: usize,
+    /// Threads; all cores by default.
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+    /// OUT.png is a still, OUT.mp4, .mov or .webm a video (by ffmpeg), any other name a folder of numbered PNGs.
     pub out: PathBuf,
 }
 

@@ -16,6 +16,9 @@ mod held_out;
 mod new;
 mod overlay;
 mod progress;
+mod render;
+mod render_out;
+mod render_scene;
 mod run;
 mod score_table;
 mod scores;
@@ -46,6 +49,7 @@ fn main() -> ExitCode {
         Command::Export(args) => export::export(&args),
         Command::Animate(args) => animate::animate(&args),
         Command::Overlay(args) => overlay::overlay(&args),
+        Command::Render(args) => render::render(&args),
         Command::Synth(args) => synth::synth(&args),
         Command::Demo(args) => demo::demo(&args),
         Command::Bench(args) => bench::bench(&args),

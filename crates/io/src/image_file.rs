@@ -91,6 +91,15 @@ pub fn write_rgb_png(path: &Path, image: &RgbImage) -> Result<(), IoError> {
     write_png(path, image.width, image.height, &bytes, image::ExtendedColorType::Rgb8)
 }
 
+/// Writes an 8-bit sRGB PNG with coverage, not premultiplied.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_rgba_png(path: &Path, image: &Plane<[u8; 4]>) -> Result<(), IoError> {
+    let bytes: Vec<u8> = image.data.iter().flatten().copied().collect();
+    write_png(path, image.width, image.height, &bytes, image::ExtendedColorType::Rgba8)
+}
+
 /// Writes an 8-bit grey PNG.
 ///
 /// # Errors

@@ -19,6 +19,7 @@ pub mod space;
 pub mod strands;
 pub mod usd;
 pub mod vdb;
+pub mod video_out;
 pub mod whole_file;
 
 pub use alembic::write_alembic;
@@ -26,7 +27,7 @@ pub use calibration::{Calibration, read_calibration, rig_for_views};
 pub use cards::Cards;
 pub use error::{At, IoError};
 pub use guides::Guides;
-pub use image_file::{read_mask, read_rgb, write_mask_png, write_rgb_png};
+pub use image_file::{read_mask, read_rgb, write_mask_png, write_rgb_png, write_rgba_png};
 pub use markers::{LabelledMarker, MarkerLabels, read_marker_labels};
 pub use scene::SceneOptions;
 pub use source::{SourceInfo, TakeSource, ViewInput, probe};
@@ -42,4 +43,5 @@ pub use strands::{
 };
 pub use usd::write_usd;
 pub use vdb::{VdbOptions, VectorGrid, read_vdb, write_velocity_vdb};
+pub use video_out::{VIDEO_EXTENSIONS, VideoWriter};
 pub use whole_file::{write_bytes, write_folder};

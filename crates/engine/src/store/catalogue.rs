@@ -232,13 +232,7 @@ pub const ARRAYS: &[ArraySpec] = &[
     spec("blend/confidence", (U8, "1/255"), SAMPLES, STRANDS, CONFIDENCE),
     spec("blend/counts", (U16, "points"), &["frame", "strand"], PER_FRAME, "particles of the strand in this frame"),
     spec("animate/NAME/points", (F32, "mm"), POINTS, STRANDS, ANIMATED),
-    spec(
-        "animate/NAME/own",
-        (F32, "mm/s"),
-        POINTS,
-        STRANDS,
-        "velocity beside the field's, from which the next frame goes on",
-    ),
+    spec("animate/NAME/velocities", (F32, "mm/s"), POINTS, STRANDS, "velocity, from which the next frame goes on"),
     spec("animate/NAME/counts", (U16, "points"), &["strand"], PER_TAKE, "particles of the strand of the groom"),
 ];
 

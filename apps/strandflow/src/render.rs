@@ -1,0 +1,142 @@
+//! `strandflow render`: pictures of strands as hair.
+
+use indicatif::{ProgressBar, ProgressStyle};
+use strandflow_engine::{Take, stage_index};
+use strandflow_io::StrandFrames;
+use strandflow_render::{Backdrop, LightRig, Picture, RenderError, Settings, Subject, full_density, render as draw};
+
+use crate::{
+    args::RenderArgs,
+    failure::Failed,
+    foreign,
+    render_out::{Finished, Kind, Output},
+    render_scene::{Background, HeadOf, Shot, background, hair, hair_colour, shots},
+    status::tell_of_outdated,
+};
+
+/// Pictures a second of a turntable's video: one turn in four seconds where it has 100.
+const TURNTABLE_FPS: f64 = 25.0;
+
+impl From<RenderError> for Failed {
+    fn from(error: RenderError) -> Self {
+        Self::input(error.to_string(), error.hint())
+    }
+}
+
+pub fn render(args: &RenderArgs) -> Result<(), Failed> {
+    let colour = hair_colour(&args.colour)?;
+    let settings = Settings {
+        colour,
+        shutter: args.motion_blur,
+        density: args.density.unwrap_or(1),
+        polish: args.polish,
+        skin: args.background != "footage",
+        ..Settings::default()
+    };
+    settings.check()?;
+    let take = Take::open(&args.take)?;
+    let behind = background(args, &take)?;
+    if let Some(file) = &args.strands {
+        return sequence(args, &take, &foreign::read(file)?, &behind, &settings);
+    }
+    let plan = take.last_plan()?;
+    take.must_be_done(args.stage.name(), &plan)?;
+    tell_of_outdated(&take, &plan, stage_index(args.stage.name())?)?;
+    sequence(args, &take, &take.strands_of(args.stage.name(), plan.frames)?, &behind, &settings)
+}
+
+/// Renders one picture after the other, each on all threads: memory holds one.
+fn sequence(
+    args: &RenderArgs,
+    take: &Take,
+    strands: &dyn StrandFrames,
+    behind: &Background,
+    settings: &Settings,
+) -> Result<(), Failed> {
+    let kind = Kind::of(&args.out);
+    if kind == Kind::Video && matches!(behind, Background::Nothing) {
+        return Err(Failed::input("a video has no transparency", "give a --background, or write a folder of PNGs"));
+    }
+    let shots = shots(args, take, strands, kind == Kind::Still)?;
+    if kind == Kind::Still && shots.len() > 1 {
+        let fact = format!("{} pictures do not go into one PNG", shots.len());
+        return Err(Failed::input(fact, "ask for one frame (--frames 20..21), or name a folder or a video"));
+    }
+    let threads = args.threads.unwrap_or(0);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pool = pool.map_err(|error| Failed::input(format!("{threads} threads: {error}"), "ask for fewer threads"))?;
+    let fps = if args.turntable.is_some() { TURNTABLE_FPS } else { take.manifest().fps };
+    let mut scene = Scene { take, strands, head: HeadOf::new(take), behind, settings: settings.clone(), pool };
+    let first = &shots[0];
+    if args.turntable.is_some() && shots.iter().all(|shot| shot.t == first.t) {
+        // What stands still on a turntable is sharp, however fast it moved when it was taken.
+        scene.settings.shutter = 0.0;
+    }
+    if args.density.is_none() {
+        scene.settings.density = scene.full(first)?;
+    }
+    let mut out = Output::open(&args.out, [first.camera.width, first.camera.height], fps)?;
+    match scene.draw_all(&shots, &mut out) {
+        Ok(()) => out.finish()?,
+        Err(failed) => {
+            out.abandon();
+            return Err(failed);
+        }
+    }
+    eprintln!("wrote {}", args.out.display());
+    Ok(())
+}
+
+/// All that the pictures of one call have in common.
+struct Scene<'a> {
+    take: &'a Take,
+    strands: &'a dyn StrandFrames,
+    head: HeadOf<'a>,
+    behind: &'a Background,
+    settings: Settings,
+    pool: rayon::ThreadPool,
+}
+
+impl Scene<'_> {
+    fn draw_all(&self, shots: &[Shot], out: &mut Output) -> Result<(), Failed> {
+        let bar = ProgressBar::new(shots.len() as u64);
+        let template = "render {bar:20} {pos:>5}/{len:<5} {elapsed:>6} {eta:>6} left";
+        bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+        for shot in shots {
+            out.push(&self.finished(shot, self.picture(shot)?)?)?;
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        Ok(())
+    }
+
+    fn picture(&self, shot: &Shot) -> Result<Picture, Failed> {
+        let hair = hair(self.strands, shot.t)?;
+        let subject = Subject { hair: &hair, head: self.head.at(self.strands.frames()[shot.t] as usize) };
+        let rig = LightRig::studio(&shot.camera, -self.take.gravity());
+        let settings = &self.settings;
+        Ok(self.pool.install(|| draw(&subject, &shot.camera, &rig, settings))?)
+    }
+
+    fn finished(&self, shot: &Shot, picture: Picture) -> Result<Finished, Failed> {
+        Ok(match self.behind {
+            Background::Nothing => Finished::CutOut(picture.cut_out()),
+            Background::Fixed(backdrop) => Finished::Opaque(picture.over(backdrop)),
+            Background::Footage(view) => {
+                let frame = self.strands.frames()[shot.t] as usize;
+                let image = self.take.images().image(*view, frame);
+                let image = image.map_err(|error| Failed::input(error.to_string(), error.hint))?;
+                Finished::Opaque(picture.over(&Backdrop::Image(image.as_ref().clone())))
+            }
+        })
+    }
+
+    /// The density at which the hair looks full in a shot; the same for all pictures of a call.
+    fn full(&self, shot: &Shot) -> Result<usize, Failed> {
+        let hair = hair(self.strands, shot.t)?;
+        let depths = hair.points.iter().step_by(101).map(|p| shot.camera.camera_from_world.point(p.as_dvec3()).z);
+        let nearest = depths.filter(|depth| *depth > 1.0).fold(f64::INFINITY, f64::min);
+        let present = self.strands.counts().iter().filter(|count| **count > 1).count();
+        Ok(full_density(present, shot.camera.focal[0] / nearest))
+    }
+}
