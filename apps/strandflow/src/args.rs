@@ -136,8 +136,11 @@ pub struct ExportArgs {
     /// The take.
     pub take: PathBuf,
     /// Strands of which stage; `flow` is the velocity field.
-    #[arg(long)]
-    pub stage: ExportStage,
+    #[arg(long, required_unless_present = "animation")]
+    pub stage: Option<ExportStage>,
+    /// Instead of a stage, an animation made by `animate`.
+    #[arg(long, value_name = "NAME", conflicts_with = "stage")]
+    pub animation: Option<String>,
     /// The format.
     #[arg(long, value_name = "FORMAT")]
     pub to: Format,
@@ -288,6 +291,9 @@ pub struct RenderArgs {
     /// Render these strands instead, made by any program: a .npz, or a folder of .hair or .data files, one a frame.
     #[arg(long, value_name = "FILE")]
     pub strands: Option<PathBuf>,
+    /// Render an animation made by `animate` instead.
+    #[arg(long, value_name = "NAME", conflicts_with = "strands")]
+    pub animation: Option<String>,
     /// The camera: a view of the take, or of --camera; the first one by default.
     #[arg(long, value_name = "VIEW")]
     pub view: Option<String>,
@@ -328,8 +334,11 @@ pub struct RenderArgs {
 /// `strandflow synth`.
 #[derive(Debug, clap::Args)]
 pub struct SynthArgs {
-    /// The folder to make.
+    /// The folder to make; with --groom the file.
     pub out: PathBuf,
+    /// Make the groom only, as it hangs at rest: a .data, .hair (mm) or .npz file for `animate` and other programs.
+    #[arg(long)]
+    pub groom: bool,
     /// Style of the hair.
     #[arg(long, default_value = "straight")]
     pub style: StyleArg,

@@ -53,8 +53,17 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failed> {
         let stage = if format == Format::Vdb { ExportStage::Flow } else { ExportStage::Blend };
         let target = matches!(format, Format::Abc | Format::Cards | Format::Vdb).then_some(TargetArg::Blender);
         let guides = matches!(format, Format::Abc | Format::Cards).then_some(DEMO_GUIDES);
-        let args =
-            ExportArgs { take: take.clone(), stage, to: format, target, strands: None, points: None, guides, out };
+        let args = ExportArgs {
+            take: take.clone(),
+            stage: Some(stage),
+            animation: None,
+            to: format,
+            target,
+            strands: None,
+            points: None,
+            guides,
+            out,
+        };
         export::export(&args)?;
     }
     let picture = take.join("overlay.png");

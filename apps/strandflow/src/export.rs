@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use strandflow_engine::{Plan, Take, stage_index};
+use glam::DVec3;
+use strandflow_core::RigidTransform;
+use strandflow_engine::{Performance, Plan, Take, animation::AnimationStrands, stage_index};
 use strandflow_io::{
     Cards, Carrier, ChosenStrands, Guides, Interchange, IoError, Resampled, SceneOptions, Space, StrandFrames,
     VdbOptions, write_alembic, write_folder, write_hair, write_npz, write_ply, write_usc_data, write_usd,
@@ -17,14 +19,11 @@ use crate::{
 
 pub fn export(args: &ExportArgs) -> Result<(), Failed> {
     check(args)?;
-    let take = Take::open(&args.take)?;
-    let plan = take.last_plan()?;
-    take.must_be_done(args.stage.name(), &plan)?;
-    tell_of_outdated(&take, &plan, stage_index(args.stage.name())?)?;
-    if args.stage == ExportStage::Flow {
-        write_flow(&take, &plan, args)?;
-    } else {
-        write_strands(&take, &plan, args)?;
+    match (&args.animation, args.stage) {
+        (Some(name), _) => export_animation(name, args)?,
+        (None, Some(stage)) => export_stage(stage, args)?,
+        // clap has refused this.
+        (None, None) => {}
     }
     eprintln!("wrote {}", args.out.display());
     if args.to == Format::Abc && args.target.is_none() {
@@ -33,17 +32,48 @@ pub fn export(args: &ExportArgs) -> Result<(), Failed> {
     Ok(())
 }
 
+fn export_stage(stage: ExportStage, args: &ExportArgs) -> Result<(), Failed> {
+    let take = Take::open(&args.take)?;
+    let plan = take.last_plan()?;
+    take.must_be_done(stage.name(), &plan)?;
+    tell_of_outdated(&take, &plan, stage_index(stage.name())?)?;
+    let poses = (plan.frames.start..plan.frames.end).map(|frame| take.read_pose(frame));
+    let scene = Scene { gravity: take.gravity(), fps: take.manifest().fps, poses: poses.collect::<Result<_, _>>()? };
+    match stage {
+        ExportStage::Flow => write_flow(&take, &plan, args),
+        _ => write_strands(&scene, &take.strands_of(stage.name(), plan.frames)?, args),
+    }
+}
+
+/// Animations need nothing of a take but its results.
+fn export_animation(name: &str, args: &ExportArgs) -> Result<(), Failed> {
+    let performance = Performance::open(&args.take)?;
+    let strands = AnimationStrands::open(performance.store(), name)?;
+    let poses = (0..strands.frames().len()).map(|t| strands.world_from_head(t)).collect::<Result<_, _>>()?;
+    write_strands(&Scene { gravity: performance.gravity(), fps: performance.fps(), poses }, &strands, args)
+}
+
+/// What files say beside the strands.
+struct Scene {
+    gravity: DVec3,
+    fps: f64,
+    /// World from head, by frame.
+    poses: Vec<RigidTransform>,
+}
+
 /// What does not go together, before any work starts.
 fn check(args: &ExportArgs) -> Result<(), Failed> {
     let said = |error: &str, hint: &str| Err(Failed::input(error, hint));
     let carrier = carrier(args.to);
     match (args.stage, args.to) {
-        (ExportStage::Flow, Format::Vdb) => {}
-        (ExportStage::Flow, _) => return said("the velocity field goes into vdb only", "say --to vdb"),
+        (Some(ExportStage::Flow), Format::Vdb) => {}
+        (Some(ExportStage::Flow), _) => return said("the velocity field goes into vdb only", "say --to vdb"),
         (_, Format::Vdb) => return said("vdb holds the velocity field, not strands", "say --stage flow"),
         _ => {}
     }
-    if args.stage == ExportStage::Flow && (args.strands.is_some() || args.points.is_some() || args.guides.is_some()) {
+    if args.stage == Some(ExportStage::Flow)
+        && (args.strands.is_some() || args.points.is_some() || args.guides.is_some())
+    {
         return said("the velocity field has no strands", "leave out --strands, --points and --guides");
     }
     if args.target.is_some() && carrier.is_none() {
@@ -73,9 +103,8 @@ fn space(args: &ExportArgs) -> Space {
 
 /// Writes strands as they are asked for: fewer of them, then with other points, then their guides. Reads a few frames at a
 /// time.
-fn write_strands(take: &Take, plan: &Plan, args: &ExportArgs) -> Result<(), Failed> {
-    let of_stage = take.strands_of(args.stage.name(), plan.frames)?;
-    let mut strands: &dyn StrandFrames = &of_stage;
+fn write_strands(scene: &Scene, strands: &dyn StrandFrames, args: &ExportArgs) -> Result<(), Failed> {
+    let mut strands = strands;
     let (chosen, resampled, leading);
     if let Some(count) = args.strands {
         chosen = ChosenStrands::evenly(strands, count as usize)?;
@@ -90,25 +119,18 @@ fn write_strands(take: &Take, plan: &Plan, args: &ExportArgs) -> Result<(), Fail
         leading = ChosenStrands::new(strands, &guides.strands);
         strands = &leading;
     }
-    write(take, plan, strands, guides.as_ref(), args)
+    write(scene, strands, guides.as_ref(), args)
 }
 
 /// Writes a file, or a folder of one file a frame; whole or not at all.
-fn write(
-    take: &Take,
-    plan: &Plan,
-    strands: &dyn StrandFrames,
-    guides: Option<&Guides>,
-    args: &ExportArgs,
-) -> Result<(), Failed> {
+fn write(scene: &Scene, strands: &dyn StrandFrames, guides: Option<&Guides>, args: &ExportArgs) -> Result<(), Failed> {
     let out = &args.out;
-    let gravity = Some(take.gravity());
-    let options = SceneOptions { fps: take.manifest().fps, gravity, space: space(args), ..SceneOptions::default() };
+    let gravity = Some(scene.gravity);
+    let options = SceneOptions { fps: scene.fps, gravity, space: space(args), ..SceneOptions::default() };
     match (args.to, guides) {
         (Format::Npz, _) => {
             make_folder(out.parent())?;
-            let poses = (plan.frames.start..plan.frames.end).map(|frame| take.read_pose(frame));
-            let head_from_world = poses.map(|pose| Ok(pose?.inverse())).collect::<Result<Vec<_>, Failed>>()?;
+            let head_from_world: Vec<RigidTransform> = scene.poses.iter().map(RigidTransform::inverse).collect();
             write_npz(out, strands, &head_from_world)?;
         }
         (Format::Usd, _) => {

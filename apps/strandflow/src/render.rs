@@ -1,7 +1,7 @@
 //! `strandflow render`: pictures of strands as hair.
 
 use indicatif::{ProgressBar, ProgressStyle};
-use strandflow_engine::{Take, stage_index};
+use strandflow_engine::{Take, animation::AnimationStrands, stage_index};
 use strandflow_io::StrandFrames;
 use strandflow_render::{Backdrop, LightRig, Picture, RenderError, Settings, Subject, full_density, render as draw};
 
@@ -37,12 +37,16 @@ pub fn render(args: &RenderArgs) -> Result<(), Failed> {
     let take = Take::open(&args.take)?;
     let behind = background(args, &take)?;
     if let Some(file) = &args.strands {
-        return sequence(args, &take, &foreign::read(file)?, &behind, &settings);
+        return sequence(args, &take, &foreign::read(file)?, HeadOf::new(&take), &behind, &settings);
+    }
+    if let Some(name) = &args.animation {
+        let strands = AnimationStrands::open(take.store(), name)?;
+        return sequence(args, &take, &strands, HeadOf::animated(&take, &strands), &behind, &settings);
     }
     let plan = take.last_plan()?;
     take.must_be_done(args.stage.name(), &plan)?;
     tell_of_outdated(&take, &plan, stage_index(args.stage.name())?)?;
-    sequence(args, &take, &take.strands_of(args.stage.name(), plan.frames)?, &behind, &settings)
+    sequence(args, &take, &take.strands_of(args.stage.name(), plan.frames)?, HeadOf::new(&take), &behind, &settings)
 }
 
 /// Renders one picture after the other, each on all threads: memory holds one.
@@ -50,6 +54,7 @@ fn sequence(
     args: &RenderArgs,
     take: &Take,
     strands: &dyn StrandFrames,
+    head: HeadOf,
     behind: &Background,
     settings: &Settings,
 ) -> Result<(), Failed> {
@@ -66,7 +71,7 @@ fn sequence(
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|error| Failed::input(format!("{threads} threads: {error}"), "ask for fewer threads"))?;
     let fps = if args.turntable.is_some() { TURNTABLE_FPS } else { take.manifest().fps };
-    let mut scene = Scene { take, strands, head: HeadOf::new(take), behind, settings: settings.clone(), pool };
+    let mut scene = Scene { take, strands, head, behind, settings: settings.clone(), pool };
     let first = &shots[0];
     if args.turntable.is_some() && shots.iter().all(|shot| shot.t == first.t) {
         // What stands still on a turntable is sharp, however fast it moved when it was taken.

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use strandflow_core::{Camera, RigidTransform, StrandSequence, TriMesh};
-use strandflow_engine::Take;
+use strandflow_engine::{Take, animation::AnimationStrands};
 use strandflow_io::{StrandFrames, read_calibration};
 use strandflow_render::{Backdrop, Hair, HairColour, Head, MAX_SIDE, colour::linear_of_srgb, resized, turntable};
 
@@ -33,19 +33,29 @@ pub enum Background {
 pub struct HeadOf<'a> {
     take: &'a Take,
     mesh: Option<TriMesh>,
+    /// Whose head moves otherwise than the take's.
+    animation: Option<&'a AnimationStrands<'a>>,
 }
 
 impl<'a> HeadOf<'a> {
     /// Of a take.
     pub fn new(take: &'a Take) -> Self {
-        Self { take, mesh: take.read_scalp().ok().map(|scalp| scalp.mesh).filter(|mesh| !mesh.faces.is_empty()) }
+        let mesh = take.read_scalp().ok().map(|scalp| scalp.mesh).filter(|mesh| !mesh.faces.is_empty());
+        Self { take, mesh, animation: None }
+    }
+
+    /// Of an animation.
+    pub fn animated(take: &'a Take, strands: &'a AnimationStrands<'a>) -> Self {
+        Self { animation: Some(strands), ..Self::new(take) }
     }
 
     /// The head in a frame.
     pub fn at(&self, frame: usize) -> Option<Head<'_>> {
         let pose = |frame: usize| {
-            let inside = self.take.frames().contains(frame);
-            let pose = inside.then(|| self.take.read_pose(frame).ok()).flatten();
+            let pose = match self.animation {
+                Some(strands) => strands.world_from_head(frame).ok(),
+                None => self.take.frames().contains(frame).then(|| self.take.read_pose(frame).ok()).flatten(),
+            };
             pose.filter(|p: &RigidTransform| p.rotation.is_finite() && p.translation.is_finite())
         };
         let world_from_head = pose(frame)?;

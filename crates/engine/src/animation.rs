@@ -122,7 +122,7 @@ pub fn animate(
         Animation::new(&placed, |n| params[n], &plan.settings, (performance.gravity(), first_pose), frame_secs);
 
     let folder = Folder::new(performance.store(), plan.name, &animation.counts());
-    let inputs = inputs(performance, plan);
+    let inputs = inputs(performance, plan, &placed);
     let (found, mut state) = folder.resumed(&inputs, plan.timeline.frames)?;
     if found == 0 {
         folder.begin(plan.timeline.frames)?;
@@ -166,7 +166,7 @@ pub fn animate(
         }
         let pose = pose_at(performance, plan.timeline.source(k as f64))?;
         let check = animation.check(&state, &pose, &skin);
-        folder.write(k, &state, &inputs, &check)?;
+        folder.write(k, (&state, &pose), &inputs, &check)?;
         checks.push(check);
         summary.made += 1;
         tell(k);
@@ -251,7 +251,7 @@ fn pose_at(performance: &Performance, time: f64) -> Result<RigidTransform, Engin
 }
 
 /// What an animation rests on, hashed by kind.
-fn inputs(performance: &Performance, plan: &AnimationPlan) -> BTreeMap<String, String> {
+fn inputs(performance: &Performance, plan: &AnimationPlan, placed: &PlacedGroom) -> BTreeMap<String, String> {
     let files = Identities::default();
     let mut needs = crate::Needs::new(performance.store(), &files);
     needs.value("version", "animate", &VERSION);
@@ -262,12 +262,8 @@ fn inputs(performance: &Performance, plan: &AnimationPlan) -> BTreeMap<String, S
     // The number of frames is left out where it only says how far to go on.
     let to_and_fro = t.frames > Timeline::once(t.first, t.last, t.speed).frames;
     needs.value("settings", "timeline", &(t.first, t.last, t.speed, to_and_fro));
-    let alignment = match &plan.alignment {
-        Alignment::Find => "find".to_owned(),
-        Alignment::AsGiven => "as given".to_owned(),
-        Alignment::Given(s) => format!("{} {:?}", s.scale, s.rigid.to_rows()),
-    };
-    needs.value("settings", "alignment", &alignment);
+    let Similarity { scale, rigid } = placed.transform;
+    needs.value("settings", "placed", &(scale, rigid.to_rows()));
     needs.value("values", "take", &(performance.fps(), performance.gravity().to_array()));
     for strand in plan.groom {
         needs.value("groom", "strand", &strand.iter().map(|p| p.to_array()).collect::<Vec<_>>());
@@ -336,19 +332,20 @@ impl<'a> Folder<'a> {
         for array in ["points", "velocities"] {
             self.store.ensure(&self.array(array), &shape, &chunk, serde_json::Value::Null)?;
         }
-        Ok(())
+        self.store.ensure(&self.array("world_from_head"), &[longest, 4, 4], &[1, 4, 4], serde_json::Value::Null)
     }
 
     /// Writes a frame and declares it finished.
     fn write(
         &self,
         k: usize,
-        state: &DrivenState,
+        (state, pose): (&DrivenState, &RigidTransform),
         inputs: &BTreeMap<String, String>,
         check: &FrameCheck,
     ) -> Result<(), EngineError> {
         self.store.forget(&self.item(k))?;
         let mut writer = Writer::new(self.store);
+        writer.chunk(&self.array("world_from_head"), &[k, 0, 0], pose.to_rows().as_flattened())?;
         for (array, values) in [("points", &state.points), ("velocities", &state.velocities)] {
             let mut at = 0;
             for (block, counts) in self.counts.chunks(BLOCK_STRANDS).enumerate() {
@@ -414,6 +411,18 @@ impl<'a> AnimationStrands<'a> {
         let counts = store.read_all(&format!("animate/{name}/counts"))?;
         let width = store.shape(&format!("animate/{name}/points"))?[2];
         Ok(Self { store, name: name.to_owned(), numbers: (0..done as u32).collect(), counts, width })
+    }
+}
+
+impl AnimationStrands<'_> {
+    /// World from head in the `t`-th frame.
+    ///
+    /// # Errors
+    /// `Store`.
+    pub fn world_from_head(&self, t: usize) -> Result<RigidTransform, EngineError> {
+        let rows: Vec<f64> =
+            self.store.read(&format!("animate/{}/world_from_head", self.name), &[t..t + 1, 0..4, 0..4])?;
+        Ok(crate::read::transform_from_slice(&rows))
     }
 }
 

@@ -293,7 +293,7 @@ fn some_finite<T: Copy>(value: T, finite: impl Fn(T) -> bool) -> Option<T> {
     finite(value).then_some(value)
 }
 
-fn transform_from_slice(rows: &[f64]) -> RigidTransform {
+pub(crate) fn transform_from_slice(rows: &[f64]) -> RigidTransform {
     let mut matrix = [[0.0; 4]; 4];
     for (i, value) in rows.iter().take(16).enumerate() {
         matrix[i / 4][i % 4] = *value;

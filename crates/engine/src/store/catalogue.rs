@@ -233,6 +233,7 @@ pub const ARRAYS: &[ArraySpec] = &[
     spec("blend/counts", (U16, "points"), &["frame", "strand"], PER_FRAME, "particles of the strand in this frame"),
     spec("animate/NAME/points", (F32, "mm"), POINTS, STRANDS, ANIMATED),
     spec("animate/NAME/velocities", (F32, "mm/s"), POINTS, STRANDS, "velocity, from which the next frame goes on"),
+    spec("animate/NAME/world_from_head", (F64, "mm"), &["frame", "row", "column"], PER_FRAME, "head space to world"),
     spec("animate/NAME/counts", (U16, "points"), &["strand"], PER_TAKE, "particles of the strand of the groom"),
 ];
 

@@ -48,6 +48,8 @@ const UNITS: [(&str, f64); 5] =
 const SPREAD_RANGE: (f64, f64) = (0.5, 1.6);
 /// Roots and captured roots that the search for the way up looks at; more do not change it.
 const LOOKED_AT: usize = 400;
+/// Share of the steepest fall that a way up must have. On a groom that hangs straight it leaves the turns about the vertical.
+const HANGS: f64 = 0.8;
 /// Steps of ICP for each way up, and for the best.
 const STEPS: (usize, usize) = (15, 100);
 /// A groom whose roots end further than this from the scalp on average is not on it \[mm\].
@@ -172,13 +174,21 @@ fn find(
         scale,
         rigid: RigidTransform { rotation, translation: mean(captured) - rotation * (mean(own) * scale) },
     };
-    let identity = Similarity::IDENTITY;
-    let turned = ways_up().into_iter().filter(|turn| (*turn * hang).dot(gravity) > 0.0).map(start);
-    let starts: Vec<Similarity> = std::iter::once(identity).chain(turned).collect();
+    let fall = |turn: DMat3| (turn * hang).normalize_or_zero().dot(gravity.normalize_or_zero());
+    let steepest = ways_up().into_iter().map(fall).fold(0.0, f64::max);
+    // Hair falls: of the ways up only those count in which it hangs about as well as it can, before and after ICP.
+    let hangs = |turn: DMat3| fall(turn) > HANGS * steepest;
+    let in_place = mean(own).distance(mean(captured)) < spread(captured);
+    let as_given = in_place.then_some(Similarity::IDENTITY).filter(|_| hangs(DMat3::IDENTITY));
+    let turned = ways_up().into_iter().filter(|turn| hangs(*turn)).map(start);
+    let starts: Vec<Similarity> = as_given.into_iter().chain(turned).collect();
     let tried: Vec<(f64, Similarity)> = starts
         .into_par_iter()
         .filter_map(|start| {
             let found: Icp = icp(&some, surface, start, true, STEPS.0)?;
+            if !hangs(found.surface_from_source.rigid.rotation) {
+                return None;
+            }
             let moved: Vec<DVec3> = some.iter().map(|p| found.surface_from_source.point(*p)).collect();
             let to = |from: &[DVec3], points: &[DVec3]| {
                 let nearest = |p: &DVec3| points.iter().map(|q| q.distance(*p)).fold(f64::INFINITY, f64::min);
