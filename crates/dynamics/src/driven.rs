@@ -30,6 +30,10 @@ pub use hung::Hung;
 /// Particles that follow the head, as in the fit.
 pub const CLAMPED: usize = 3;
 
+/// The field can tear at hair faster than its springs restore it; at the end of a frame no edge differs by more than this share
+/// from the groom's. Hair stretches by less; much less than 1 % is within what single precision and contact leave.
+const MOST_STRETCH: f64 = 0.01;
+
 /// What the strands meet within a frame. A share is a time: 0 at the frame's start, 1 at the next frame.
 pub trait Surroundings: Sync {
     /// The head.
@@ -227,6 +231,9 @@ impl<'a, R: Kernels> Bundle<'a, R> {
             self.v.copy_from_slice(workspace.velocities(1));
             let (from, to) = (around.world_from_head(share(0.0)), around.world_from_head(share(1.0)));
             for lane in 0..self.lanes.len() {
+                if s + 1 == substeps {
+                    self.limit_stretch(lane);
+                }
                 self.collide(lane, around, &from, &to);
             }
         }
@@ -266,6 +273,24 @@ impl<'a, R: Kernels> Bundle<'a, R> {
         let last = self.lanes[lane].points.len() - 1;
         let (a, b) = (self.get(&self.x[i.saturating_sub(1)], lane), self.get(&self.x[(i + 1).min(last)], lane));
         (b - a).normalize_or_zero()
+    }
+
+    /// Brings edges back to within [`MOST_STRETCH`] of the groom's, from the root on; what hangs on an edge moves with it.
+    fn limit_stretch(&mut self, lane: usize) {
+        let groom = &self.lanes[lane].strand.in_head;
+        let mut shift = DVec3::ZERO;
+        for i in self.fixed.max(1)..groom.len() {
+            let rest = groom[i].distance(groom[i - 1]);
+            let (before, here) = (self.get(&self.x[i - 1], lane), self.get(&self.x[i], lane) + shift);
+            let edge = here - before;
+            let length = edge.length();
+            let limited = length.clamp((1.0 - MOST_STRETCH) * rest, (1.0 + MOST_STRETCH) * rest);
+            if limited != length && length > 0.0 {
+                shift += edge * (limited / length - 1.0);
+            }
+            let moved = self.get(&self.x[i], lane) + shift - self.origins[lane];
+            set(&mut self.x[i], lane, moved);
+        }
     }
 
     /// After a step: particles, then edges, out of the head.
