@@ -1,16 +1,17 @@
 //! `strandflow animate`: another groom driven by the captured motion.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3};
 use indicatif::{ProgressBar, ProgressStyle};
-use strandflow_core::RigidTransform;
+use strandflow_core::{RigidTransform, SparseVoxels};
 use strandflow_engine::{
     EngineError, Performance,
-    animation::{AnimationPlan, AnimationSummary, FieldOf, animate as make},
+    animation::{AnimationPlan, AnimationSummary, OtherField, animate as make},
 };
 use strandflow_eval::truth::{self, Truth};
 use strandflow_geometry::icp::Similarity;
+use strandflow_io::{Carrier, Space, Target, VdbOptions, read_vdb};
 use strandflow_stages::animate::{Alignment, AnimateSettings, Timeline};
 
 use crate::{
@@ -34,13 +35,21 @@ pub fn animate(args: &AnimateArgs) -> Result<(), Failed> {
         .clone()
         .unwrap_or_else(|| args.groom.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default());
     let true_field = |frame: usize| field_of_truth(truth.as_ref(), &performance, frame);
+    let read_field = |frame: usize| field_in(args, &performance, frame);
+    let field = match &args.field {
+        Some(folder) => {
+            let files = (timeline.first..=timeline.last).map(|frame| vdb_of(folder, frame)).collect();
+            Some(OtherField { from: "OpenVDB", files, of: &read_field })
+        }
+        None => args.true_field.then_some(OtherField { from: "truth", files: Vec::new(), of: &true_field }),
+    };
     let plan = AnimationPlan {
         name: &name,
         groom: &groom,
         alignment: alignment(args, own)?,
         fitted_springs: args.fitted_springs,
         timeline,
-        field: args.true_field.then_some(("of the truth", &true_field as FieldOf)),
+        field,
         settings: settings(args),
     };
     let stop = run::stop_on_ctrl_c();
@@ -71,6 +80,22 @@ pub fn animate(args: &AnimateArgs) -> Result<(), Failed> {
         return Err(Failed { error: "stopped".into(), hint, input: false });
     }
     Ok(())
+}
+
+fn vdb_of(folder: &Path, frame: usize) -> PathBuf {
+    folder.join(format!("{frame:06}.vdb"))
+}
+
+/// The field of a frame from the user's files.
+fn field_in(args: &AnimateArgs, performance: &Performance, frame: usize) -> Result<SparseVoxels<Vec3>, EngineError> {
+    let file = vdb_of(args.field.as_deref().unwrap_or(Path::new("")), frame);
+    let space = args.field_for.map_or_else(Space::default, |target| Target::from(target).space(Carrier::Vdb));
+    let options = VdbOptions { gravity: Some(performance.gravity()), space, zip: false };
+    let grids = read_vdb(&file)?;
+    let hint = "write it by `export --to vdb`, and say --field-for as --for was said then";
+    let said = |fact: String| EngineError::input(file.display().to_string(), fact, hint);
+    let named = grids.iter().find(|grid| grid.name == "velocity").or(grids.first());
+    named.ok_or_else(|| said("holds no grid of vectors".into()))?.to_velocity(&options).map_err(said)
 }
 
 fn is(path: &Path, word: &str) -> bool {

@@ -241,6 +241,13 @@ pub struct AnimateArgs {
     /// Seed of that.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
+    /// Drive with these OpenVDB files, 000012.vdb for frame 12, instead of the stored field: one that `export --to vdb` wrote
+    /// and another program changed.
+    #[arg(long, value_name = "FOLDER", conflicts_with = "true_field")]
+    pub field: Option<PathBuf>,
+    /// The program that those files are laid out for.
+    #[arg(long, value_name = "PROGRAM", requires = "field")]
+    pub field_for: Option<TargetArg>,
     /// Truth of the capture (its gt/ folder): with `--groom truth` its first frame is the groom. Every frame is compared with it.
     #[arg(long, value_name = "DIR")]
     pub truth: Option<PathBuf>,

@@ -17,7 +17,7 @@ use strandflow_engine::{
     store::{Record, Store, Writer},
 };
 use strandflow_geometry::primitives::icosphere;
-use strandflow_io::{Interchange, write_usc_data};
+use strandflow_io::{Interchange, VdbOptions, write_usc_data, write_velocity_vdb};
 
 const FRAMES: usize = 7;
 const MIDDLE: DVec3 = DVec3::new(20.0, 10.0, 1200.0);
@@ -133,6 +133,27 @@ fn bytes_of(take: &Path, name: &str) -> BTreeMap<String, Vec<u8>> {
     files
 }
 
+/// The take's field as OpenVDB files for Houdini.
+fn write_vdb(take: &Path, folder: &Path) {
+    std::fs::create_dir(folder).unwrap();
+    let store = Store::open(&take.join("results.zarr")).unwrap();
+    let options = VdbOptions {
+        gravity: Some(DVec3::NEG_Z),
+        space: strandflow_io::Target::Houdini.space(strandflow_io::Carrier::Vdb),
+        zip: true,
+    };
+    for t in 0..FRAMES {
+        write_velocity_vdb(&folder.join(format!("{t:06}.vdb")), &store.read_flow(t).unwrap(), &options).unwrap();
+    }
+}
+
+/// The largest distance between two animations of one groom.
+fn farthest(take: &Path, a: &str, b: &str) -> f32 {
+    let store = Store::open(&take.join("results.zarr")).unwrap();
+    let points = |name: &str| store.read_all::<f32>(&format!("animate/{name}/points")).unwrap();
+    points(a).iter().zip(points(b)).map(|(a, b)| (a - b).abs()).filter(|d| d.is_finite()).fold(0.0, f32::max)
+}
+
 #[test]
 fn a_resumed_animation_has_the_same_bytes_and_can_be_exported() {
     let root = tempfile::tempdir().unwrap();
@@ -148,6 +169,14 @@ fn a_resumed_animation_has_the_same_bytes_and_can_be_exported() {
     let rest = animate(&take, &file, &["--name", "part", "--threads", "1"]);
     assert!(stderr(&rest).contains("3 frames made, 4 found"), "{}", stderr(&rest));
     assert_eq!(bytes_of(&take, "bob"), bytes_of(&take, "part"));
+    let vdb = root.path().join("field");
+    write_vdb(&take, &vdb);
+    let from_files = ["--name", "vdb", "--field", text(&vdb), "--field-for", "houdini"];
+    let run = animate(&take, &file, &from_files);
+    assert!(run.status.success(), "{}", stderr(&run));
+    assert!(farthest(&take, "bob", "vdb") < 1e-2);
+    std::fs::write(vdb.join("000002.vdb"), "no volume").unwrap();
+    refused(&animate(&take, &file, &from_files), &["000002.vdb"]);
     let again = animate(&take, &file, &["--name", "part", "--amplitude", "0"]);
     assert!(stderr(&again).contains("7 frames made, 0 found"), "{}", stderr(&again));
     assert_ne!(bytes_of(&take, "bob"), bytes_of(&take, "part"));
@@ -157,7 +186,7 @@ fn a_resumed_animation_has_the_same_bytes_and_can_be_exported() {
         assert!(run.status.success() && out.is_file(), "{}", stderr(&run));
     }
     let run = strandflow(&["export", text(&take), "--animation", "bop", "--to", "npz", "x.npz"]);
-    refused(&run, &["bop", "there are: bob, part"]);
+    refused(&run, &["bop", "there are: bob, part, vdb"]);
 }
 
 #[test]

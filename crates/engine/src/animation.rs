@@ -6,6 +6,7 @@
 use std::{
     collections::BTreeMap,
     ops::Range,
+    path::PathBuf,
     sync::atomic::{AtomicBool, Ordering},
     time::Instant,
 };
@@ -40,10 +41,20 @@ pub struct AnimationPlan<'a> {
     pub fitted_springs: bool,
     /// Captured frames to show.
     pub timeline: Timeline,
-    /// Other velocities than the captured ones \[mm/s\], by frame, with a word for what they are.
-    pub field: Option<(&'a str, FieldOf<'a>)>,
+    /// Other velocities than the captured ones.
+    pub field: Option<OtherField<'a>>,
     /// All else.
     pub settings: AnimateSettings,
+}
+
+/// Velocities that are not the take's.
+pub struct OtherField<'a> {
+    /// Where they come from, in a word.
+    pub from: &'a str,
+    /// The files that they are read from.
+    pub files: Vec<PathBuf>,
+    /// The field of a frame \[mm/s\].
+    pub of: FieldOf<'a>,
 }
 
 /// A velocity field by frame.
@@ -122,7 +133,7 @@ pub fn animate(
         Animation::new(&placed, |n| params[n], &plan.settings, (performance.gravity(), first_pose), frame_secs);
 
     let folder = Folder::new(performance.store(), plan.name, &animation.counts());
-    let inputs = inputs(performance, plan, &placed);
+    let inputs = inputs(performance, plan, &placed)?;
     let (found, mut state) = folder.resumed(&inputs, plan.timeline.frames)?;
     if found == 0 {
         folder.begin(plan.timeline.frames)?;
@@ -236,7 +247,7 @@ fn load(
     fields.retain(|frame, _| frames.contains(frame));
     for frame in frames {
         if !fields.contains_key(&frame) {
-            let field = plan.field.map_or_else(|| performance.field(frame), |(_, field)| field(frame))?;
+            let field = plan.field.as_ref().map_or_else(|| performance.field(frame), |other| (other.of)(frame))?;
             fields.insert(frame, field);
         }
     }
@@ -251,13 +262,18 @@ fn pose_at(performance: &Performance, time: f64) -> Result<RigidTransform, Engin
 }
 
 /// What an animation rests on, hashed by kind.
-fn inputs(performance: &Performance, plan: &AnimationPlan, placed: &PlacedGroom) -> BTreeMap<String, String> {
+fn inputs(
+    performance: &Performance,
+    plan: &AnimationPlan,
+    placed: &PlacedGroom,
+) -> Result<BTreeMap<String, String>, EngineError> {
     let files = Identities::default();
     let mut needs = crate::Needs::new(performance.store(), &files);
     needs.value("version", "animate", &VERSION);
     needs.value("settings", "animate", &plan.settings);
     needs.value("settings", "fitted", &plan.fitted_springs);
-    needs.value("settings", "field", &plan.field.map(|(name, _)| name));
+    needs.value("settings", "field", &plan.field.as_ref().map(|other| other.from));
+    plan.field.iter().flat_map(|other| &other.files).try_for_each(|file| needs.file(file))?;
     let t = &plan.timeline;
     // The number of frames is left out where it only says how far to go on.
     let to_and_fro = t.frames > Timeline::once(t.first, t.last, t.speed).frames;
@@ -274,7 +290,7 @@ fn inputs(performance: &Performance, plan: &AnimationPlan, placed: &PlacedGroom)
     for item in ["pose/pose/take", "scalp/scalp/take", "fit/fit"] {
         needs.value("stages", item, &performance.store().record(item).map(|record| record.outputs));
     }
-    needs.finish().0
+    Ok(needs.finish().0)
 }
 
 /// Raised when the same input would give another animation.

@@ -11,7 +11,7 @@
 use std::path::Path;
 
 use glam::{DMat4, DVec3, Vec3};
-use strandflow_core::SparseVoxels;
+use strandflow_core::{Grid, SparseVoxels};
 
 use crate::{IoError, Space, error::At, whole_file::write_bytes};
 
@@ -59,6 +59,46 @@ impl VectorGrid {
         let columns = [axes.x_axis, axes.y_axis, axes.z_axis];
         let [x, y, z] = columns.map(|axis| axis.extend(0.0));
         Self { name: "velocity".into(), space_from_index: DMat4::from_cols(x, y, z, first.extend(1.0)), voxels }
+    }
+}
+
+impl VectorGrid {
+    /// The grid as a velocity field \[mm/s, world\]: what [`VectorGrid::velocity`] undoes with the same options.
+    ///
+    /// # Errors
+    /// In words: no voxel, a transform that turns, shears or stretches the voxels against the world, an extent beyond 2³² voxels.
+    pub fn to_velocity(&self, options: &VdbOptions) -> Result<SparseVoxels<Vec3>, String> {
+        let world_from_file = options.space.linear_from_world(options.gravity).inverse();
+        let columns = self.space_from_index.to_cols_array_2d();
+        let column = |k: usize| world_from_file * DVec3::new(columns[k][0], columns[k][1], columns[k][2]);
+        let (axes, zero) = ([column(0), column(1), column(2)], column(3));
+        let voxel_mm = axes[0].x;
+        let along = |(axis, expected): (&DVec3, DVec3)| axis.distance(expected) < 1e-4 * voxel_mm.abs();
+        let expected = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| axis * voxel_mm);
+        if voxel_mm.is_nan() || voxel_mm <= 0.0 || !axes.iter().zip(expected).all(along) {
+            return Err("its voxels are not cubes along the take's axes".into());
+        }
+        let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+        for (at, _) in &self.voxels {
+            (low, high) = ([0, 1, 2].map(|k| low[k].min(at[k])), [0, 1, 2].map(|k| high[k].max(at[k])));
+        }
+        if self.voxels.is_empty() {
+            return Err("has no voxel with a velocity".into());
+        }
+        let dims = [0, 1, 2].map(|k| (i64::from(high[k]) - i64::from(low[k]) + 1) as u64);
+        let all = dims.iter().try_fold(1u64, |all, n| all.checked_mul(*n)).filter(|all| *all <= u64::from(u32::MAX));
+        all.ok_or_else(|| format!("reaches over {dims:?} voxels"))?;
+        let dims = dims.map(|n| n as usize);
+        let first = DVec3::new(f64::from(low[0]), f64::from(low[1]), f64::from(low[2])) - 0.5;
+        let grid = Grid { origin: zero + first * voxel_mm, voxel_mm, dims };
+        let place = |(at, value): &([i32; 3], Vec3)| {
+            let index = grid.index([0, 1, 2].map(|k| (at[k] - low[k]) as usize)) as u32;
+            (index, (world_from_file * value.as_dvec3()).as_vec3())
+        };
+        let mut voxels: Vec<(u32, Vec3)> = self.voxels.iter().filter(|(_, v)| v.is_finite()).map(place).collect();
+        voxels.sort_unstable_by_key(|(index, _)| *index);
+        let (indices, values) = voxels.into_iter().unzip();
+        Ok(SparseVoxels { grid, indices, values })
     }
 }
 

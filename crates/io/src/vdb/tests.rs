@@ -132,3 +132,24 @@ proptest! {
         let _ = read::file(&bytes);
     }
 }
+
+#[test]
+fn a_field_comes_back_from_every_space() {
+    let grid = Grid { origin: DVec3::new(-40.0, 12.0, 900.0), voxel_mm: 2.0, dims: [30, 20, 25] };
+    let indices: Vec<u32> = (0..grid.len() as u32).step_by(7).collect();
+    let values = indices.iter().map(|i| Vec3::new(*i as f32, -3.0, 0.25 * *i as f32)).collect();
+    let field = SparseVoxels { grid, indices, values };
+    for target in [crate::Target::Unreal, crate::Target::Houdini, crate::Target::Blender, crate::Target::Maya] {
+        let space = target.space(crate::Carrier::Vdb);
+        let options = VdbOptions { gravity: Some(DVec3::new(0.0, 9810.0, 0.0)), space, zip: false };
+        let back = VectorGrid::velocity(&field, &options).to_velocity(&options).unwrap();
+        assert_eq!(back.indices.len(), field.indices.len());
+        for (a, b) in [0, 100, back.indices.len() - 1].map(|i| (i, i)) {
+            let place = |f: &SparseVoxels<Vec3>, i: usize| f.grid.centre_of_index(f.indices[i] as usize);
+            assert!(place(&back, a).distance(place(&field, b)) < 1e-6, "{target:?}");
+            assert!(back.values[a].distance(field.values[b]) < 1e-2, "{target:?}");
+        }
+        let wrong = VdbOptions { gravity: Some(DVec3::X), ..options };
+        assert!(VectorGrid::velocity(&field, &options).to_velocity(&wrong).unwrap_err().contains("axes"));
+    }
+}
