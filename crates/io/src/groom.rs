@@ -72,11 +72,16 @@ pub fn read_groom(path: &Path) -> Result<Groom, IoError> {
         ([b'O', b'g', b'a', b'w', b'a', ..], _) => alembic::read_curves(path)?,
         ([b'p', b'l', b'y', b'\n' | b'\r', ..], _) => ply_groom::read(path)?,
         ([0x89, b'H', b'D', b'F', ..], _) => {
-            return wrong("is an Alembic archive of the old kind (HDF5)", "write it as Ogawa: `abcconvert -toOgawa IN OUT`");
+            return wrong(
+                "is an Alembic archive of the old kind (HDF5)",
+                "write it as Ogawa: `abcconvert -toOgawa IN OUT`",
+            );
         }
-        (magic, _) if magic.starts_with(b"#usda") => usd::read_text(path)?,
-        (magic, _) if magic.starts_with(b"PXR-USDC") => usd::read_crate(path)?,
-        (_, "usdz") => return wrong("is a USD package, which is not read", "unpack it, or `usdcat IN.usdz -o OUT.usdc`"),
+        (magic, _) if magic.starts_with(b"#usda") => usd::read_usda(path)?,
+        (magic, _) if magic.starts_with(b"PXR-USDC") => usd::read_usdc(path)?,
+        (_, "usdz") => {
+            return wrong("is a USD package, which is not read", "unpack it, or `usdcat IN.usdz -o OUT.usdc`");
+        }
         ([b'P', b'K', ..], _) => npz_groom::read(path)?,
         (_, "hair") => bare_hair::read(path)?,
         (_, "data") => Groom::of(&usc_data::read_usc_data(path)?, true),

@@ -45,7 +45,7 @@ def xform(parent, name, inherits=True, *ops):
     node.getSchema().set(sample)
     return node, sample.getMatrix()
 O = AbcGeom.XformOperationType
-turned = imath.M44d(); turned.setEulerAngles(V(0.1, 0.2, 0.3)); turned.translate(V(5, 6, 7))
+turned = imath.M44d(0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 5, 6, 7, 1)
 outer, m1 = xform(archive.getTop(), "outer", True, (O.kTranslateOperation, V(1, 2, 3)), (O.kRotateXOperation, 30.0), (O.kScaleOperation, V(2, 3, 4)))
 inner, m2 = xform(outer, "inner", True, (O.kMatrixOperation, turned), (O.kRotateOperation, V(1, 1, 0), 40.0), (O.kRotateYOperation, 20.0), (O.kRotateZOperation, 10.0))
 alone, m3 = xform(outer, "alone", False, (O.kTranslateOperation, V(0, 0, 9)))

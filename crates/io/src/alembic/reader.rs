@@ -192,7 +192,8 @@ fn object_header(bytes: &mut Bytes, table: &[String]) -> Option<(String, String)
 fn property(bytes: &mut Bytes, group: u64) -> Option<Property> {
     let info = bytes.u32()?;
     let size = 1usize << (info >> 2 & 3);
-    let mut count = || bytes.take(size).map(|raw| raw.iter().rev().fold(0usize, |all, &byte| all << 8 | usize::from(byte)));
+    let mut count =
+        || bytes.take(size).map(|raw| raw.iter().rev().fold(0usize, |all, &byte| all << 8 | usize::from(byte)));
     let kind = info & 3;
     if kind != 0 {
         let has = |bit: u32| usize::from(info >> bit & 1 == 1);

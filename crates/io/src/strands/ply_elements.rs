@@ -84,7 +84,9 @@ impl Elements {
             }
         }
         let numbers = match is_text.ok_or("does not state its format")? {
-            true => Numbers::Text(Box::new(std::str::from_utf8(lines.rest).map_err(|_| "is not text")?.split_ascii_whitespace())),
+            true => Numbers::Text(Box::new(
+                std::str::from_utf8(lines.rest).map_err(|_| "is not text")?.split_ascii_whitespace(),
+            )),
             false => Numbers::Binary(Bytes::new(lines.rest)),
         };
         Ok((elements, numbers))

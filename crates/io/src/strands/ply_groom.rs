@@ -19,7 +19,8 @@ const OURS: &str = "strandflow strands, world millimetres";
 
 /// Reads a groom.
 pub(crate) fn read(path: &Path) -> Result<Groom, IoError> {
-    let hint = "write vertices x, y, z strand by strand, with edges, a property `strand`, or `comment points_per_strand N`";
+    let hint =
+        "write vertices x, y, z strand by strand, with edges, a property `strand`, or `comment points_per_strand N`";
     from_bytes(path, hint, groom)
 }
 
@@ -84,7 +85,8 @@ impl Cloud {
         for &[a, b] in &self.edges {
             for (from, to) in [(a, b), (b, a)] {
                 let free = near[from].iter_mut().find(|end| end.is_none());
-                *free.ok_or_else(|| format!("the vertex {from} has more than two edges: strands do not branch"))? = Some(to);
+                *free.ok_or_else(|| format!("the vertex {from} has more than two edges: strands do not branch"))? =
+                    Some(to);
             }
         }
         let mut strands = Vec::new();
