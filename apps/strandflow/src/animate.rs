@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3};
 use indicatif::{ProgressBar, ProgressStyle};
 use strandflow_core::RigidTransform;
 use strandflow_engine::{
@@ -11,13 +11,14 @@ use strandflow_engine::{
 };
 use strandflow_eval::truth::{self, Truth};
 use strandflow_geometry::icp::Similarity;
+use strandflow_io::read_groom;
 use strandflow_stages::animate::{Alignment, AnimateSettings, Timeline};
 
 use crate::{
     animate_score::{Reference, compare, field_of_truth},
     args::AnimateArgs,
     failure::Failed,
-    foreign, run,
+    run,
     stdout::print,
 };
 
@@ -123,18 +124,13 @@ fn groom(
     if !(scale.is_finite() && scale > 0.0) {
         return Err(Failed::input(format!("--scale {scale}"), "give the millimetres of a unit: 10 for centimetres"));
     }
-    let sequence = foreign::read(&args.groom)?;
-    let points = |n: usize| {
-        let strand = sequence.strand(0, n).iter().map(|p| p.as_dvec3() * scale);
-        // Missing points are not numbers; what lies behind the first of them cannot be told from them.
-        strand.take_while(|p| !sequence_is_missing(p)).collect()
-    };
-    Ok((0..sequence.strand_count).map(points).collect())
-}
-
-/// A point that a sequence of strands of differing lengths is padded with; a single broken coordinate is not.
-fn sequence_is_missing(point: &DVec3) -> bool {
-    point.x.is_nan() && point.y.is_nan() && point.z.is_nan()
+    if !args.groom.is_file() {
+        let error = format!("{}: there is no such file", args.groom.display());
+        return Err(Failed::input(error, "give one file of strands (.hair, .data, .npz, .ply, .abc, .usda or .usdc)"));
+    }
+    let groom = read_groom(&args.groom)?;
+    let strand = |points: &Vec<Vec3>| points.iter().map(|p| p.as_dvec3() * scale).collect();
+    Ok(groom.strands.iter().map(strand).collect())
 }
 
 fn alignment(args: &AnimateArgs, own: bool) -> Result<Alignment, Failed> {

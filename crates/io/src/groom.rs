@@ -10,11 +10,7 @@
 //! | `Ogawa` | Alembic curves | | |
 //! | `#usda`, `PXR-USDC` | USD basis curves | `metersPerUnit` | `upAxis` |
 
-use std::{
-    fs::File,
-    io::{BufReader, Read},
-    path::Path,
-};
+use std::{fs::File, io::Read, path::Path};
 
 use glam::Vec3;
 use strandflow_core::Strands;
@@ -107,9 +103,9 @@ pub(crate) fn from_bytes(
 pub(crate) fn from_file(
     path: &Path,
     hint: &str,
-    read: impl FnOnce(&mut BufReader<File>) -> Result<Groom, String>,
+    read: impl FnOnce(&mut File) -> Result<Groom, String>,
 ) -> Result<Groom, IoError> {
-    let mut file = BufReader::new(File::open(path).map_err(IoError::reading(path))?);
+    let mut file = File::open(path).map_err(IoError::reading(path))?;
     read(&mut file).and_then(Groom::finite).map_err(|fact| IoError::content(path, At::FILE, fact, hint))
 }
 

@@ -54,7 +54,7 @@ stage = Usd.Stage.CreateNew(sys.argv[1])
 UsdGeom.SetStageMetersPerUnit(stage, 0.01)
 UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
 stage.GetRootLayer().comment = 'A layer with "quotes", {braces} and # signs'
-stage.GetRootLayer().customLayerData = {"a": {"b": [1, 2, 3]}, "c": "text ) ]"}
+stage.GetRootLayer().customLayerData = {"a": {"b": Vt.IntArray([1, 2, 3])}, "c": "text ) ]"}
 top = UsdGeom.Xform.Define(stage, "/top")
 stage.SetDefaultPrim(top.GetPrim())
 top.AddTranslateOp().Set(Gf.Vec3d(1, 2.5, 3))
@@ -105,9 +105,11 @@ stage.GetRootLayer().Save()
 #[test]
 fn the_reference_library_s_layers_are_read() {
     let dir = tempfile::tempdir().unwrap();
-    for name in ["foreign.usda", "foreign.usdc", "foreign.usd"] {
+    // The library writes the oldest crate version that holds the layer, unless told otherwise.
+    for (name, version) in [("a.usda", "0.8.0"), ("b.usdc", "0.7.0"), ("c.usd", "0.8.0"), ("d.usdc", "0.13.0")] {
         let path = dir.path().join(name);
-        let Some(said) = ask_python(FOREIGN, &path) else { return };
+        let told = format!("import os\nos.environ['USD_WRITE_NEW_USDC_FILES_AS_VERSION'] = '{version}'\n");
+        let Some(said) = ask_python(&(told + FOREIGN), &path) else { return };
         let mut read = read_groom(&path).unwrap();
         assert_eq!((read.unit_known, read.up_axis), (true, Some(Up::Y)));
         let mut expected: Vec<Vec<f32>> = said
@@ -157,7 +159,7 @@ fn what_is_not_read_is_told() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(512))]
+    #![proptest_config(ProptestConfig::with_cases(128))]
     #[test]
     fn any_bytes_are_safe(cut in 0usize..6000, flips in prop::collection::vec((0usize..6000, any::<u8>()), 0..8)) {
         for (name, read) in [("a.usda", text as fn(&[u8]) -> _), ("a.usdc", binary)] {
