@@ -124,11 +124,16 @@ fn groom(
     if !(scale.is_finite() && scale > 0.0) {
         return Err(Failed::input(format!("--scale {scale}"), "give the millimetres of a unit: 10 for centimetres"));
     }
-    if !args.groom.is_file() {
-        let error = format!("{}: there is no such file", args.groom.display());
+    of_file(&args.groom, scale)
+}
+
+/// Strands of a file times `scale`: millimetres if the file states its unit and `scale` is 1, or `scale` is that of its unit.
+fn of_file(file: &Path, scale: f64) -> Result<Vec<Vec<DVec3>>, Failed> {
+    if !file.is_file() {
+        let error = format!("{}: there is no such file", file.display());
         return Err(Failed::input(error, "give one file of strands (.hair, .data, .npz, .ply, .abc, .usda or .usdc)"));
     }
-    let groom = read_groom(&args.groom)?;
+    let groom = read_groom(file)?;
     let strand = |points: &Vec<Vec3>| points.iter().map(|p| p.as_dvec3() * scale).collect();
     Ok(groom.strands.iter().map(strand).collect())
 }
@@ -204,4 +209,31 @@ fn words(name: &str, s: &AnimationSummary) -> String {
         text += &format!("  {}: {}; {}\n", finding.place, finding.fact, finding.consequence);
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use strandflow_core::{Provenance, StrandSequence};
+    use strandflow_io::{Carrier, SceneOptions, Target, write_alembic, write_usd};
+
+    use super::*;
+
+    #[test]
+    fn grooms_arrive_in_millimetres_times_the_scale() {
+        let mut sequence = StrandSequence::missing(vec![0], vec![2], 2);
+        sequence.points = vec![Vec3::ZERO, Vec3::new(0.0, 0.0, 20.0)];
+        sequence.provenance = vec![Provenance::Observed; 2];
+        let dir = tempfile::tempdir().unwrap();
+        let (usd, abc) = (dir.path().join("a.usdc"), dir.path().join("a.abc"));
+        let options = |carrier| SceneOptions { space: Target::Unreal.space(carrier), ..SceneOptions::default() };
+        write_usd(&usd, &sequence, &options(Carrier::Usd)).unwrap();
+        write_alembic(&abc, &sequence, None, &options(Carrier::Alembic)).unwrap();
+        // Both hold centimetres; only USD says so.
+        for (file, scale, expected) in [(&usd, 1.0, 20.0), (&usd, 2.0, 40.0), (&abc, 1.0, 2.0), (&abc, 10.0, 20.0)] {
+            let strands = of_file(file, scale).unwrap();
+            assert!((strands[0][1].z - expected).abs() < 1e-4, "{} {scale}: {strands:?}", file.display());
+        }
+        let told = of_file(dir.path(), 1.0).unwrap_err();
+        assert!(told.input && told.error.contains("no such file") && told.hint.contains(".abc"));
+    }
 }

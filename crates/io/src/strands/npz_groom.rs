@@ -12,6 +12,10 @@ pub(crate) fn read(path: &Path) -> Result<Groom, IoError> {
     let mut arrays = read_arrays(path)?;
     let wrong = |fact: String| IoError::content(path, At::FILE, fact, "save `points` as float32 (N, P, 3)");
     let points = arrays.remove("points").ok_or_else(|| wrong("has no array `points`".into()))?;
+    // Arrays without elements may claim any number of strands.
+    if points.bytes.is_empty() {
+        return Ok(Groom::default());
+    }
     let &[strand_count, point_count, 3] = points.shape.as_slice() else { return first_frame(path) };
     let numbers = points.as_f32().map_err(|fact| wrong(format!("the array `points` {fact}")))?;
     let points = numbers.as_chunks::<3>().0;
