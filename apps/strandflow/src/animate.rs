@@ -11,14 +11,14 @@ use strandflow_engine::{
 };
 use strandflow_eval::truth::{self, Truth};
 use strandflow_geometry::icp::Similarity;
-use strandflow_io::{Carrier, Space, Target, VdbOptions, read_vdb};
+use strandflow_io::{Carrier, Space, Target, VdbOptions, read_groom, read_vdb};
 use strandflow_stages::animate::{Alignment, AnimateSettings, Timeline};
 
 use crate::{
     animate_score::{Reference, compare, field_of_truth},
     args::AnimateArgs,
     failure::Failed,
-    foreign, run,
+    run,
     stdout::print,
 };
 
@@ -148,18 +148,18 @@ fn groom(
     if !(scale.is_finite() && scale > 0.0) {
         return Err(Failed::input(format!("--scale {scale}"), "give the millimetres of a unit: 10 for centimetres"));
     }
-    let sequence = foreign::read(&args.groom)?;
-    let points = |n: usize| {
-        let strand = sequence.strand(0, n).iter().map(|p| p.as_dvec3() * scale);
-        // Missing points are not numbers; what lies behind the first of them cannot be told from them.
-        strand.take_while(|p| !sequence_is_missing(p)).collect()
-    };
-    Ok((0..sequence.strand_count).map(points).collect())
+    of_file(&args.groom, scale)
 }
 
-/// A point that a sequence of strands of differing lengths is padded with; a single broken coordinate is not.
-fn sequence_is_missing(point: &DVec3) -> bool {
-    point.x.is_nan() && point.y.is_nan() && point.z.is_nan()
+/// Strands of a file times `scale`: millimetres if the file states its unit and `scale` is 1, or `scale` is that of its unit.
+fn of_file(file: &Path, scale: f64) -> Result<Vec<Vec<DVec3>>, Failed> {
+    if !file.is_file() {
+        let error = format!("{}: there is no such file", file.display());
+        return Err(Failed::input(error, "give one file of strands (.hair, .data, .npz, .ply, .abc, .usda or .usdc)"));
+    }
+    let groom = read_groom(file)?;
+    let strand = |points: &Vec<Vec3>| points.iter().map(|p| p.as_dvec3() * scale).collect();
+    Ok(groom.strands.iter().map(strand).collect())
 }
 
 fn alignment(args: &AnimateArgs, own: bool) -> Result<Alignment, Failed> {
@@ -233,4 +233,31 @@ fn words(name: &str, s: &AnimationSummary) -> String {
         text += &format!("  {}: {}; {}\n", finding.place, finding.fact, finding.consequence);
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use strandflow_core::{Provenance, StrandSequence};
+    use strandflow_io::{Carrier, SceneOptions, Target, write_alembic, write_usd};
+
+    use super::*;
+
+    #[test]
+    fn grooms_arrive_in_millimetres_times_the_scale() {
+        let mut sequence = StrandSequence::missing(vec![0], vec![2], 2);
+        sequence.points = vec![Vec3::ZERO, Vec3::new(0.0, 0.0, 20.0)];
+        sequence.provenance = vec![Provenance::Observed; 2];
+        let dir = tempfile::tempdir().unwrap();
+        let (usd, abc) = (dir.path().join("a.usdc"), dir.path().join("a.abc"));
+        let options = |carrier| SceneOptions { space: Target::Unreal.space(carrier), ..SceneOptions::default() };
+        write_usd(&usd, &sequence, &options(Carrier::Usd)).unwrap();
+        write_alembic(&abc, &sequence, None, &options(Carrier::Alembic)).unwrap();
+        // Both hold centimetres; only USD says so.
+        for (file, scale, expected) in [(&usd, 1.0, 20.0), (&usd, 2.0, 40.0), (&abc, 1.0, 2.0), (&abc, 10.0, 20.0)] {
+            let strands = of_file(file, scale).unwrap();
+            assert!((strands[0][1].z - expected).abs() < 1e-4, "{} {scale}: {strands:?}", file.display());
+        }
+        let told = of_file(dir.path(), 1.0).unwrap_err();
+        assert!(told.input && told.error.contains("no such file") && told.hint.contains(".abc"));
+    }
 }

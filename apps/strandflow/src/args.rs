@@ -190,13 +190,14 @@ Export the result with `strandflow export TAKE --animation NAME`; run the same c
 pub struct AnimateArgs {
     /// The take; its results suffice.
     pub take: PathBuf,
-    /// The groom, or `captured`.
+    /// The groom, or `captured`: .hair, .data, .npz, .ply, .abc (Ogawa), .usda or .usdc; of files that move the first frame.
     #[arg(long, value_name = "FILE")]
     pub groom: PathBuf,
     /// Name of the animation within the take; that of the groom's file by default.
     #[arg(long)]
     pub name: Option<String>,
-    /// Millimetres that a unit of the groom's file is, where the format does not say.
+    /// Millimetres that a unit of the groom's file is, where the file does not say (1 by default); a further factor where it
+    /// does (USD, .data).
     #[arg(long, value_name = "MM")]
     pub scale: Option<f64>,
     /// Take the groom as it lies, in the world of the first frame shown.

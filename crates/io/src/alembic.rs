@@ -19,8 +19,9 @@
 use std::{io::BufWriter, path::Path};
 
 use crate::{
-    IoError,
+    Groom, IoError,
     error::At,
+    groom::from_file,
     guides::Guides,
     scene::{Scene, SceneOptions},
     strands::StrandFrames,
@@ -29,8 +30,10 @@ use crate::{
 
 mod archive;
 mod curves;
+mod groom;
 mod ogawa;
 mod property;
+mod reader;
 
 /// Writes strands, and guides beside them where given, as Alembic. Memory: a few frames.
 ///
@@ -72,6 +75,15 @@ fn write_to(
     Ok(archive::finish(file, children, timing)?)
 }
 
+/// Reads the curves of any writer: control points of the first samples, in units of the file.
+pub(crate) fn read_curves(path: &Path) -> Result<Groom, IoError> {
+    from_file(path, "export the groom as Alembic curves (Ogawa) again", groom::groom)
+}
+
 #[cfg(test)]
 #[path = "alembic/tests.rs"]
 mod tests;
+
+#[cfg(test)]
+#[path = "alembic/read_tests.rs"]
+mod read_tests;

@@ -18,11 +18,15 @@ use strandflow_core::{Provenance, StrandSequence};
 
 use crate::IoError;
 
+pub(crate) mod bare_hair;
 pub mod choose;
 pub mod hair;
 pub mod npy;
 pub mod npz;
+pub(crate) mod npz_groom;
 pub mod ply;
+mod ply_elements;
+pub(crate) mod ply_groom;
 pub mod resample;
 pub mod usc_data;
 

@@ -7,14 +7,20 @@
 use std::path::Path;
 
 use crate::{
-    IoError, Up,
+    Groom, IoError, Up,
     error::At,
+    groom::{from_bytes, from_file},
     scene::{Scene, SceneOptions},
     strands::StrandFrames,
 };
 
+mod layer;
+mod read_crate;
+mod read_text;
 mod text;
+mod unpack;
 mod usdc;
+mod values;
 
 /// Writes strands as USD; the ending of the file decides the form. Memory: a few frames.
 ///
@@ -31,6 +37,19 @@ pub fn write_usd(path: &Path, strands: &dyn StrandFrames, options: &SceneOptions
     write(path, &Scene::new(path, strands, options)?)
 }
 
+const READ_HINT: &str =
+    "curves behind references or variants are not followed: write one layer with `usdcat --flatten IN -o OUT.usda`";
+
+/// Reads the basis curves of a text layer: defaults, or else the first time samples; \[mm\] where it states its unit.
+pub(crate) fn read_usda(path: &Path) -> Result<Groom, IoError> {
+    from_bytes(path, READ_HINT, |data| read_text::read(data)?.groom())
+}
+
+/// As [`read_usda`], of a binary layer.
+pub(crate) fn read_usdc(path: &Path) -> Result<Groom, IoError> {
+    from_file(path, READ_HINT, |file| read_crate::read(file)?.groom())
+}
+
 fn up_axis(up: Up) -> &'static str {
     match up {
         Up::Y => "Y",
@@ -41,3 +60,7 @@ fn up_axis(up: Up) -> &'static str {
 #[cfg(test)]
 #[path = "usd/tests.rs"]
 mod tests;
+
+#[cfg(test)]
+#[path = "usd/read_tests.rs"]
+mod read_tests;

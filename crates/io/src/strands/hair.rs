@@ -8,11 +8,13 @@ use glam::Vec3;
 use strandflow_core::{Provenance, Strands};
 
 use super::Interchange;
-use crate::{IoError, bytes::Bytes, error::At, whole_file::write_bytes};
+use crate::{Groom, IoError, bytes::Bytes, error::At, groom::from_bytes, whole_file::write_bytes};
 
 const HAS_SEGMENTS: u32 = 1;
 const HAS_POINTS: u32 = 2;
 const HEADER_BYTES: usize = 128;
+const REMARK_BYTES: usize = 88;
+const REMARK: &[u8] = b"strandflow; millimetres; world axes";
 
 /// Writes the `t`-th frame \[mm, world\].
 ///
@@ -29,8 +31,9 @@ pub fn write_hair(path: &Path, strands: &Interchange, t: usize) -> Result<(), Io
     for number in [0.08f32, 0.0, 0.35, 0.25, 0.2] {
         out.extend(number.to_le_bytes());
     }
-    let mut remark = *b"strandflow; millimetres; world axes                                                     ";
-    remark[87] = 0;
+    let mut remark = [b' '; REMARK_BYTES];
+    remark[..REMARK.len()].copy_from_slice(REMARK);
+    remark[REMARK_BYTES - 1] = 0;
     out.extend(remark);
     counts.iter().for_each(|&count| out.extend(((count - 1) as u16).to_le_bytes()));
     frame.points.iter().flat_map(|p| p.to_array()).for_each(|x| out.extend(x.to_le_bytes()));
@@ -45,6 +48,14 @@ pub fn read_hair(path: &Path, unit_mm: f32) -> Result<Strands, IoError> {
     let data = std::fs::read(path).map_err(IoError::reading(path))?;
     strands_from_bytes(&data, unit_mm)
         .map_err(|fact| IoError::content(path, At::FILE, fact, "check that it is the right file, or copy it again"))
+}
+
+/// Reads a groom; the unit is known where the remark is that of [`write_hair`].
+pub(crate) fn read_hair_groom(path: &Path) -> Result<Groom, IoError> {
+    from_bytes(path, "check that it is the right file, or copy it again", |data| {
+        let remark = data.get(HEADER_BYTES - REMARK_BYTES..HEADER_BYTES).unwrap_or_default();
+        Ok(Groom::of(&strands_from_bytes(data, 1.0)?, remark.starts_with(REMARK)))
+    })
 }
 
 fn strands_from_bytes(data: &[u8], unit_mm: f32) -> Result<Strands, String> {
