@@ -123,12 +123,7 @@ impl Store {
     }
 
     /// Particles of each strand; after `blend` the largest over the frames.
-    pub fn read_counts(
-        &self,
-        stage: &str,
-        frames: FrameRange,
-        strands: Range<usize>,
-    ) -> Result<Vec<u16>, EngineError> {
+    pub fn read_counts(&self, stage: &str, frames: FrameRange, strands: Range<usize>) -> Result<Vec<u16>, EngineError> {
         let path = format!("{stage}/counts");
         if stage != "blend" {
             return self.read(&path, &[strands]);

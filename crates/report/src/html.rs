@@ -108,6 +108,12 @@ impl Html {
     }
 }
 
+impl Extend<Html> for Html {
+    fn extend<I: IntoIterator<Item = Html>>(&mut self, pieces: I) {
+        pieces.into_iter().for_each(|piece| self.push(piece));
+    }
+}
+
 impl FromIterator<Html> for Html {
     fn from_iter<I: IntoIterator<Item = Html>>(pieces: I) -> Self {
         Self(pieces.into_iter().map(|piece| piece.0).collect())

@@ -59,6 +59,8 @@ mod tests {
         page.section("two", "Two", Html::default());
         let text = page.into_text();
         assert!(text.contains("<a href=\"#one\">One</a>") && text.contains("<h1>A &lt;take&gt;</h1>"));
-        assert!(!text.contains("Two") && !text.contains("http") && !text.contains("<script") && !text.contains("<link"));
+        assert!(
+            !text.contains("Two") && !text.contains("http") && !text.contains("<script") && !text.contains("<link")
+        );
     }
 }

@@ -52,7 +52,9 @@ impl Picture {
         let bytes: Vec<u8> = image.data.iter().flatten().copied().collect();
         let mut jpeg = Vec::new();
         let (width, height) = (image.width as u32, image.height as u32);
-        JpegEncoder::new_with_quality(&mut jpeg, QUALITY).encode(&bytes, width, height, ExtendedColorType::Rgb8).ok()?;
+        JpegEncoder::new_with_quality(&mut jpeg, QUALITY)
+            .encode(&bytes, width, height, ExtendedColorType::Rgb8)
+            .ok()?;
         let address = format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg));
         Some(Self { address, size: (image.width, image.height) })
     }

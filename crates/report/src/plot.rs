@@ -142,7 +142,12 @@ impl Plot {
         }
         let _ = write!(svg, "<path class=\"axis\" d=\"M{left} {high}V{low}H{}\"/>", WIDTH - right);
         let middle = 0.5 * (left + WIDTH - right);
-        let _ = write!(svg, "<text x=\"{middle}\" y=\"{}\" class=\"middle\">{}</text>", HEIGHT - 6.0, escape(self.x.label()));
+        let _ = write!(
+            svg,
+            "<text x=\"{middle}\" y=\"{}\" class=\"middle\">{}</text>",
+            HEIGHT - 6.0,
+            escape(self.x.label())
+        );
         let _ = write!(svg, "<text x=\"2\" y=\"12\">{}</text>", escape(self.y.label()));
     }
 
