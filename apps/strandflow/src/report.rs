@@ -69,7 +69,15 @@ fn lead(take: &Opened) -> Html {
 
 /// The frames asked for; else three, from the middle of each third of the take.
 fn chosen_frames(take: &Opened, asked: &[usize]) -> Result<Vec<usize>, Failed> {
-    let Some(frames) = take.frames() else { return Ok(Vec::new()) };
+    let Some(frames) = take.frames() else {
+        return match asked.first() {
+            None => Ok(Vec::new()),
+            Some(frame) => Err(Failed::input(
+                format!("there is no frame {frame}: the take has not been run"),
+                format!("run `strandflow run {}` first, or leave --frame away", take.name()),
+            )),
+        };
+    };
     match asked.iter().find(|frame| !frames.contains(**frame)) {
         Some(frame) => {
             let hint = format!("name frames within {frames}, or run the take on others");

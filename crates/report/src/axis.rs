@@ -96,7 +96,8 @@ fn round_step(least: f64) -> f64 {
     [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * power).find(|step| *step >= least * (1.0 - 1e-9)).unwrap_or(power)
 }
 
-fn power_of_ten(power: i32) -> String {
+/// A power of ten as people write it.
+pub fn power_of_ten(power: i32) -> String {
     match power {
         0 => "1".into(),
         1 => "10".into(),

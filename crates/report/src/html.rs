@@ -65,7 +65,7 @@ impl Html {
     /// A table that scrolls by itself where the page is too narrow for it.
     pub fn table(header: &[&str], rows: impl IntoIterator<Item = Vec<Cell>>) -> Self {
         let mut html = String::from("<div class=\"wide\"><table><thead><tr>");
-        header.iter().for_each(|title| drop(write!(html, "<th scope=\"col\">{}</th>", escape(title))));
+        html.extend(header.iter().map(|title| format!("<th scope=\"col\">{}</th>", escape(title))));
         html += "</tr></thead><tbody>";
         for row in rows {
             html += "<tr>";

@@ -2,7 +2,7 @@
 
 use strandflow_dynamics::Params;
 use strandflow_eval::statistics::share;
-use strandflow_report::{Axis, Html, Mark, Plot, Tone, html::Cell};
+use strandflow_report::{Axis, Html, Mark, Plot, Tone, axis::power_of_ten, html::Cell};
 
 use super::{opened::Opened, percent};
 
@@ -18,6 +18,8 @@ const NAMES: [(&str, f64); 6] = [
 const BARS: usize = 32;
 /// Within this share of the range of its start a parameter has hardly moved; within this share of an end it lies there.
 const NEAR: f64 = 0.05;
+/// What moves less than this share of the range was not moved: the rounding of single precision is a tenth of it.
+const HELD: f64 = 1e-6;
 /// Above this share of strands at start or ends, the motion does not tell a parameter.
 const TELLS_LITTLE: f64 = 0.25;
 
@@ -69,6 +71,11 @@ impl Moves {
         share(self.0[i].iter().filter(|m| m.abs() < NEAR).count(), self.0[i].len())
     }
 
+    /// Whether no strand moved it at all.
+    fn held(&self, i: usize) -> bool {
+        self.0[i].iter().all(|m| m.abs() < HELD)
+    }
+
     fn at_ends(&self, i: usize) -> f64 {
         share(self.0[i].iter().filter(|m| m.abs() > 1.0 - NEAR).count(), self.0[i].len())
     }
@@ -116,6 +123,9 @@ impl Moves {
         let words = (0..6).filter_map(|i| {
             let (name, start, ends) = (NAMES[i].0.split(" [").next()?, self.at_start(i), self.at_ends(i));
             let told = match (start > TELLS_LITTLE, ends > TELLS_LITTLE) {
+                _ if self.held(i) => {
+                    "the fit holds it at its start, because short motion of hair hardly depends on it".into()
+                }
                 (true, _) => format!(
                     "{} of the strands left it where it started, so their motion does not excite it",
                     percent(start)
@@ -145,7 +155,7 @@ fn number(value: f64) -> String {
     match value {
         v if v >= 1e4 => {
             let power = v.log10().floor();
-            format!("{:.1}·10^{power:.0}", v / 10f64.powf(power))
+            format!("{:.1}·{}", v / 10f64.powf(power), power_of_ten(power as i32))
         }
         v if v >= 100.0 => format!("{v:.0}"),
         v if v >= 1.0 => format!("{v:.1}"),
@@ -173,11 +183,17 @@ mod tests {
             text.contains("the bend stiffness as a property") && text.contains("50 % of the strands left it"),
             "{text}"
         );
+        assert!(
+            moves.held(0)
+                && !moves.held(1)
+                && text.contains("stretch stiffness")
+                && text.contains("holds it at its start")
+        );
         assert!(Moves::of(&rows, &windows, 0.0).0[0].is_empty());
     }
 
     #[test]
     fn numbers_are_short() {
-        assert_eq!([1e7, 123.4, 5.04, 0.0123].map(number), ["1.0·10^7", "123", "5.0", "0.012"]);
+        assert_eq!([1e7, 123.4, 5.04, 0.0123].map(number), ["1.0·10⁷", "123", "5.0", "0.012"]);
     }
 }

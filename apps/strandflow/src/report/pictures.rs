@@ -23,8 +23,8 @@ pub fn strands(opened: &Opened, frames: &[usize], views: &[usize]) -> Html {
         }
     };
     let mut html = Html::paragraph(
-        "One strand in eight, each in a colour of its own; bright where it is trusted. Below, the same in the colours of \
-         provenance: green observed, blue diffused, orange simulated, magenta completed.",
+        "One strand in eight, each in a colour of its own; bright where it is trusted. Beside it (on a phone \
+         below) the same in the colours of provenance: green observed, blue diffused, orange simulated, magenta completed.",
     );
     for &frame in frames {
         html.push(Html::heading(&format!("Frame {frame}")));
