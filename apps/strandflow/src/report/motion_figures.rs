@@ -68,7 +68,7 @@ pub fn lengths(motion: Option<&Motion>) -> Html {
     let Some(motion) = motion else { return lacking() };
     let mut html = Html::paragraph(
         "Hair does not stretch. As reconstructed frame by frame, lengths jump, because tips come and go; after the simulation \
-         they should be level. (The figure of the same name in the paper is Figure 6.)",
+         they should be level. The paper shows this in its Figure 6.",
     );
     let most = motion.stages.iter().flat_map(|stage| stage.longest.iter().flatten().copied());
     let y = Axis::from_zero("length [mm]", most);
