@@ -22,7 +22,8 @@ fn assert_self_contained(page: &str) {
         assert!(!page.contains(outside), "the page has `{outside}`");
     }
     let style = page.find("<style>").unwrap()..page.find("</style>").unwrap();
-    let (mut open, mut rest) = (Vec::new(), [&page[..style.start], &page[style.end + 8..]].concat());
+    let without_style = [&page[..style.start], &page[style.end + "</style>".len()..]].concat();
+    let (mut open, mut rest) = (Vec::new(), without_style.as_str());
     while let Some((_, after)) = rest.split_once('<') {
         let (tag, after) = after.split_once('>').unwrap();
         let name = tag.split([' ', '/']).find(|part| !part.is_empty()).unwrap_or_default();
@@ -32,7 +33,7 @@ fn assert_self_contained(page: &str) {
             _ => open.push(name.to_owned()),
         }
         assert!(name != "img" || tag.contains("alt=\""), "{tag:.80}");
-        rest = after.to_owned();
+        rest = after;
     }
     assert!(open.is_empty(), "{open:?}");
     for section in page.split("href=\"#").skip(1).map(|part| part.split('"').next().unwrap()) {
