@@ -41,7 +41,7 @@ pub fn section(take: &Opened) -> Html {
     html.push(settings(used));
     if take.last_run().is_some_and(|plan| plan.settings != manifest.settings) {
         html.push(Html::warning(
-            "The manifest now states other settings than the last run used; those of the run are shown.",
+            "The settings in force now, of the manifest and by default, are not those of the last run, which are shown.",
             &format!("`strandflow run {}` takes up the new ones.", take.name()),
         ));
     }
