@@ -13,6 +13,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("io", &["core", "geometry"]),
     ("eval", &["core", "geometry"]),
     ("render", &["core", "geometry"]),
+    ("report", &["core"]),
     ("synth", &["core", "geometry", "dynamics"]),
     ("engine", &["core", "geometry", "image", "volume", "dynamics", "stages", "io"]),
 ];

@@ -50,6 +50,8 @@ pub enum Command {
     Overlay(OverlayArgs),
     /// Render strands as hair: a still, a turntable or the footage's own view, as PNG or video.
     Render(RenderArgs),
+    /// Write a page that says how a take stands: health by stage, strands over footage, plots, time, what to do next.
+    Report(ReportArgs),
     /// Make a synthetic capture with truth.
     Synth(SynthArgs),
     /// Make a small synthetic capture, run everything on it, score it and write exports. Needs no file.
@@ -337,6 +339,24 @@ pub struct RenderArgs {
     pub threads: Option<usize>,
     /// OUT.png is a still, OUT.mp4, .mov or .webm a video (by ffmpeg), any other name a folder of numbered PNGs.
     pub out: PathBuf,
+}
+
+/// `strandflow report`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+The page is one file without scripts that needs no network: it can be mailed, printed, and read on a phone. It is written for an
+unfinished take too, and says what is missing. docs/report.md says what each part shows.")]
+pub struct ReportArgs {
+    /// The take.
+    pub take: PathBuf,
+    /// A frame whose pictures are shown; may be repeated. By default three, from all over the take.
+    #[arg(long, value_name = "N")]
+    pub frame: Vec<usize>,
+    /// A view whose pictures are shown; may be repeated. By default three, from all around.
+    #[arg(long, value_name = "VIEW")]
+    pub view: Vec<String>,
+    /// The page to write; TAKE/report.html by default.
+    pub out: Option<PathBuf>,
 }
 
 /// `strandflow synth`.

@@ -19,6 +19,7 @@ mod progress;
 mod render;
 mod render_out;
 mod render_scene;
+mod report;
 mod run;
 mod score_table;
 mod scores;
@@ -50,6 +51,7 @@ fn main() -> ExitCode {
         Command::Animate(args) => animate::animate(&args),
         Command::Overlay(args) => overlay::overlay(&args),
         Command::Render(args) => render::render(&args),
+        Command::Report(args) => report::report(&args),
         Command::Synth(args) => synth::synth(&args),
         Command::Demo(args) => demo::demo(&args),
         Command::Bench(args) => bench::bench(&args),

@@ -34,6 +34,7 @@ pub mod views;
 
 pub use error::EngineError;
 pub use events::{Event, Outcome};
+pub use finding_kinds::FindingKinds;
 pub use item::{Item, Kind};
 pub use manifest::Manifest;
 pub use needs::Needs;

@@ -70,6 +70,69 @@ impl Store {
         Ok(SparseVoxels { grid: self.read_grid()?, values, indices })
     }
 
+    /// Orientation map of one view and frame, of a camera's size (width, height).
+    pub fn read_orientation(
+        &self,
+        view: usize,
+        frame: usize,
+        size: (usize, usize),
+    ) -> Result<OrientationMap, EngineError> {
+        let angle: Plane<u16> = self.image_plane("orient/angle", view, frame, size)?;
+        let confidence: Plane<u8> = self.image_plane("orient/confidence", view, frame, size)?;
+        let step = std::f32::consts::PI / ANGLE_STEPS;
+        Ok(OrientationMap {
+            angle: angle.map(|&a| f32::from(a) * step),
+            confidence: confidence.map(|&c| f32::from(c) / 255.0),
+        })
+    }
+
+    fn image_plane<T: Element>(
+        &self,
+        path: &str,
+        view: usize,
+        frame: usize,
+        (width, height): (usize, usize),
+    ) -> Result<Plane<T>, EngineError> {
+        let data = self.read(path, &[frame..frame + 1, view..view + 1, 0..height, 0..width])?;
+        Ok(Plane { width, height, data })
+    }
+
+    /// Some strands over some frames after `smooth` (trimmed), `fit` or `blend`.
+    pub fn read_sequence_part(
+        &self,
+        stage: &str,
+        frames: FrameRange,
+        strands: Range<usize>,
+    ) -> Result<StrandSequence, EngineError> {
+        let point_count = self.shape(&format!("{stage}/provenance"))?[2];
+        let samples = [frames.start..frames.end, strands.clone(), 0..point_count];
+        let mut positions = samples.to_vec();
+        positions.push(0..3);
+        let points: Vec<f32> = self.read(&format!("{stage}/points"), &positions)?;
+        let provenance: Vec<u8> = self.read(&format!("{stage}/provenance"), &samples)?;
+        let confidence: Vec<u8> = self.read(&format!("{stage}/confidence"), &samples)?;
+        Ok(StrandSequence {
+            frames: (frames.start as u32..frames.end as u32).collect(),
+            strand_count: strands.len(),
+            point_count,
+            counts: self.read_counts(stage, frames, strands)?,
+            points: points.chunks_exact(3).map(Vec3::from_slice).collect(),
+            provenance: provenance.into_iter().map(Provenance::from_number).collect(),
+            confidence: confidence.into_iter().map(|c| f32::from(c) / 255.0).collect(),
+        })
+    }
+
+    /// Particles of each strand; after `blend` the largest over the frames.
+    pub fn read_counts(&self, stage: &str, frames: FrameRange, strands: Range<usize>) -> Result<Vec<u16>, EngineError> {
+        let path = format!("{stage}/counts");
+        if stage != "blend" {
+            return self.read(&path, &[strands]);
+        }
+        let count = strands.len();
+        let all: Vec<u16> = self.read(&path, &[frames.start..frames.end, strands])?;
+        Ok((0..count).map(|n| all.iter().skip(n).step_by(count).copied().max().unwrap_or(0)).collect())
+    }
+
     fn ragged<T: Element>(&self, path: &str) -> Result<Vec<T>, EngineError> {
         if self.shape(path)?.first() == Some(&0) { Ok(Vec::new()) } else { self.read_all(path) }
     }
@@ -96,20 +159,16 @@ impl Take {
 
     /// Orientation map of one view and frame.
     pub fn read_orientation(&self, view: usize, frame: usize) -> Result<OrientationMap, EngineError> {
-        let angle: Plane<u16> = self.image_plane("orient/angle", view, frame)?;
-        let confidence: Plane<u8> = self.image_plane("orient/confidence", view, frame)?;
-        let step = std::f32::consts::PI / ANGLE_STEPS;
-        Ok(OrientationMap {
-            angle: angle.map(|&a| f32::from(a) * step),
-            confidence: confidence.map(|&c| f32::from(c) / 255.0),
-        })
+        self.store().read_orientation(view, frame, self.size_of(view))
     }
 
     fn image_plane<T: Element>(&self, path: &str, view: usize, frame: usize) -> Result<Plane<T>, EngineError> {
+        self.store().image_plane(path, view, frame, self.size_of(view))
+    }
+
+    fn size_of(&self, view: usize) -> (usize, usize) {
         let camera = &self.rig().cameras[view];
-        let (width, height) = (camera.width, camera.height);
-        let data = self.store().read(path, &[frame..frame + 1, view..view + 1, 0..height, 0..width])?;
-        Ok(Plane { width, height, data })
+        (camera.width, camera.height)
     }
 
     /// The take's grid.
@@ -254,22 +313,7 @@ impl Take {
         frames: FrameRange,
         strands: Range<usize>,
     ) -> Result<StrandSequence, EngineError> {
-        let point_count = self.store().shape(&format!("{stage}/provenance"))?[2];
-        let samples = [frames.start..frames.end, strands.clone(), 0..point_count];
-        let mut positions = samples.to_vec();
-        positions.push(0..3);
-        let points: Vec<f32> = self.store().read(&format!("{stage}/points"), &positions)?;
-        let provenance: Vec<u8> = self.store().read(&format!("{stage}/provenance"), &samples)?;
-        let confidence: Vec<u8> = self.store().read(&format!("{stage}/confidence"), &samples)?;
-        Ok(StrandSequence {
-            frames: (frames.start as u32..frames.end as u32).collect(),
-            strand_count: strands.len(),
-            point_count,
-            counts: self.read_counts(stage, frames, strands)?,
-            points: points.chunks_exact(3).map(Vec3::from_slice).collect(),
-            provenance: provenance.into_iter().map(Provenance::from_number).collect(),
-            confidence: confidence.into_iter().map(|c| f32::from(c) / 255.0).collect(),
-        })
+        self.store().read_sequence_part(stage, frames, strands)
     }
 
     /// Particles of each strand; after `blend` the largest over the frames.
@@ -279,13 +323,7 @@ impl Take {
         frames: FrameRange,
         strands: Range<usize>,
     ) -> Result<Vec<u16>, EngineError> {
-        let path = format!("{stage}/counts");
-        if stage != "blend" {
-            return self.store().read(&path, &[strands]);
-        }
-        let count = strands.len();
-        let all: Vec<u16> = self.store().read(&path, &[frames.start..frames.end, strands])?;
-        Ok((0..count).map(|n| all.iter().skip(n).step_by(count).copied().max().unwrap_or(0)).collect())
+        self.store().read_counts(stage, frames, strands)
     }
 }
 

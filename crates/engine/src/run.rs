@@ -183,7 +183,11 @@ impl Runner<'_> {
         (summary.secs, summary.peak_mb) = (start.elapsed().as_secs_f64(), memory::peak_mb());
         summary.failures.sort_by(|a, b| a.0.cmp(&b.0));
         let (secs, peak_mb) = (summary.secs, summary.peak_mb);
-        (self.audience)(&Event::PhaseFinished { phase: phase.name, secs, peak_mb });
+        let finished = Event::PhaseFinished { phase: phase.name, secs, peak_mb };
+        if summary.done + summary.failed > 0 {
+            self.log.write(&finished);
+        }
+        (self.audience)(&finished);
         Ok(summary)
     }
 
@@ -303,7 +307,7 @@ fn panicked(stage: &str, panic: &(dyn std::any::Any + Send)) -> EngineError {
     EngineError::Store { array: stage.to_owned(), fact: format!("the stage stopped unexpectedly: {text}") }
 }
 
-/// `run.log`: one line of JSON a work item that was not fresh.
+/// `run.log`: one line of JSON a work item that was not fresh, and one a phase that had such items.
 struct Log(Mutex<std::fs::File>);
 
 impl Log {

@@ -10,6 +10,7 @@ use strandflow_core::{Provenance, StrandSequence};
 use strandflow_geometry::polyline;
 
 use crate::index::{SampleIndex, sample_polyline};
+use crate::lengths::present_length;
 use crate::statistics::{Summary, evenly, root_mean_square, share};
 use crate::truth::Truth;
 
@@ -176,12 +177,7 @@ fn ratio(a: f64, b: f64) -> f64 {
 ///
 /// The length of a frame is that of the points present, so a tail that comes and goes shows.
 pub fn length_variation(sequence: &StrandSequence, strand: usize, frames: impl Iterator<Item = usize>) -> Option<f64> {
-    let lengths: Vec<f64> = frames
-        .filter_map(|t| {
-            let points: Vec<Vec3> = sequence.strand(t, strand).iter().copied().filter(|p| p.is_finite()).collect();
-            (points.len() > 1).then(|| f64::from(polyline::length(&points)))
-        })
-        .collect();
+    let lengths: Vec<f64> = frames.filter_map(|t| present_length(sequence.strand(t, strand))).collect();
     let count = lengths.len() as f64;
     let mean = lengths.iter().sum::<f64>() / count;
     let variance = lengths.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / count;

@@ -1,6 +1,9 @@
 //! The record of a work item: written last, removed first.
 
-use std::{collections::BTreeMap, path::PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use serde::{Deserialize, Serialize};
 use strandflow_core::Finding;
@@ -43,6 +46,15 @@ impl Store {
         serde_json::from_str(&std::fs::read_to_string(self.failure_path(item)).ok()?).ok()
     }
 
+    /// Keys of the items of a phase (`stage/phase`) that are finished or failed, sorted. A phase that was never begun has none.
+    pub fn items_of(&self, phase: &str) -> Vec<String> {
+        let items = self.root().join(".items");
+        let mut keys = Vec::new();
+        keys_below(&items.join(phase), phase, &mut keys);
+        keys.sort();
+        keys
+    }
+
     /// Declares an item finished.
     ///
     /// # Errors
@@ -82,6 +94,20 @@ impl Store {
 
     fn failure_path(&self, item: &str) -> PathBuf {
         self.root().join(".items").join(format!("{item}.failed"))
+    }
+}
+
+/// Adds the keys of the records and failures below a folder, whose own key is `key`. A folder that cannot be read has none.
+fn keys_below(folder: &Path, key: &str, found: &mut Vec<String>) {
+    let Ok(entries) = std::fs::read_dir(folder) else { return };
+    for path in entries.flatten().map(|entry| entry.path()) {
+        let Some(stem) = path.file_stem().and_then(|stem| stem.to_str()) else { continue };
+        let key = format!("{key}/{stem}");
+        match path.extension().and_then(|ending| ending.to_str()) {
+            None => keys_below(&path, &key, found),
+            Some("json" | "failed") => found.push(key),
+            Some(_) => {}
+        }
     }
 }
 
