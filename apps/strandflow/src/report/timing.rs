@@ -26,7 +26,7 @@ pub fn section(log: &[PhaseTime]) -> Html {
             Cell::Number(phase.items.to_string()),
             Cell::Number(duration(phase.item_secs)),
         ];
-        cells.extend(with_memory.then(|| Cell::Number(peak)));
+        cells.extend(with_memory.then_some(Cell::Number(peak)));
         cells
     };
     let mut header = vec!["Phase", "", "Wall time", "Items", "All items"];
