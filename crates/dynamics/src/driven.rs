@@ -101,7 +101,7 @@ pub fn advance_on<R: Kernels>(
     let mut order: Vec<usize> = (0..strands.len()).filter(|&n| strands[n].particle_count() > 1).collect();
     order.sort_by_key(|&n| (strands[n].particle_count(), n));
     let given: &DrivenState = state;
-    let advanced: Vec<Vec<(usize, Vec<Vec3>, Vec<Vec3>)>> = order
+    let advanced: Vec<Vec<(usize, Moved)>> = order
         .par_chunks(R::COUNT)
         .map(|members| {
             let lanes: Vec<Lane> = members
@@ -116,15 +116,18 @@ pub fn advance_on<R: Kernels>(
                 })
                 .collect();
             let done = Bundle::<R>::new(&lanes, around, options).advance(around);
-            members.iter().zip(done).map(|(&n, (points, velocities))| (n, points, velocities)).collect()
+            members.iter().copied().zip(done).collect()
         })
         .collect();
-    for (n, points, velocities) in advanced.into_iter().flatten() {
+    for (n, (points, velocities)) in advanced.into_iter().flatten() {
         let range = starts[n]..starts[n] + points.len();
         state.points[range.clone()].copy_from_slice(&points);
         state.velocities[range].copy_from_slice(&velocities);
     }
 }
+
+/// Points and velocities of one strand at the end of the frame.
+type Moved = (Vec<Vec3>, Vec<Vec3>);
 
 /// One strand and its state at the start of the frame.
 struct Lane<'a> {
@@ -202,7 +205,7 @@ impl<'a, R: Kernels> Bundle<'a, R> {
     }
 
     /// The frame's substeps; points and velocities of each lane.
-    fn advance(mut self, around: &dyn Surroundings) -> Vec<(Vec<Vec3>, Vec<Vec3>)> {
+    fn advance(mut self, around: &dyn Surroundings) -> Vec<Moved> {
         let (n, fixed, substeps) = (self.n, self.fixed, self.options.substeps);
         let mut workspace = WindowWorkspace::<R>::new(n, 1);
         let (targets, weights) = (vec![zero3(); n], vec![R::zero(); n]);
@@ -342,7 +345,7 @@ impl<'a, R: Kernels> Bundle<'a, R> {
         vector(point, lane) + self.origins[lane]
     }
 
-    fn unloaded(&self, lane: usize) -> (Vec<Vec3>, Vec<Vec3>) {
+    fn unloaded(&self, lane: usize) -> Moved {
         let count = self.lanes[lane].points.len();
         let points = (0..count).map(|i| self.get(&self.x[i], lane).as_vec3()).collect();
         (points, (0..count).map(|i| vector(&self.v[i], lane).as_vec3()).collect())

@@ -4,7 +4,7 @@
 //! and gives the same bytes. Memory: the groom, a state, and the two to four fields around a frame.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, btree_map::Entry},
     ops::Range,
     path::PathBuf,
     sync::atomic::{AtomicBool, Ordering},
@@ -246,9 +246,9 @@ fn load(
 ) -> Result<(), EngineError> {
     fields.retain(|frame, _| frames.contains(frame));
     for frame in frames {
-        if !fields.contains_key(&frame) {
-            let field = plan.field.as_ref().map_or_else(|| performance.field(frame), |other| (other.of)(frame))?;
-            fields.insert(frame, field);
+        if let Entry::Vacant(place) = fields.entry(frame) {
+            let captured = || performance.field(frame);
+            place.insert(plan.field.as_ref().map_or_else(captured, |other| (other.of)(frame))?);
         }
     }
     Ok(())
