@@ -344,4 +344,26 @@ mod tests {
             assert!((length - expected).abs() < 1e-12, "{lengths:?}");
         }
     }
+    #[test]
+    fn a_strand_that_is_elsewhere_than_it_was_seen_is_given_up() {
+        let settings = FitSettings::default();
+        let (frames, particles) = (20, 8);
+        let point = |e: usize| DVec3::X * settings.edge_mm * (e % particles) as f64;
+        let points: Vec<DVec3> = (0..frames * particles).map(point).collect();
+        let windows = [40, 0, 0];
+        let strand = Refined { points: points.clone(), cleaned: points.clone(), params: Default::default(), windows };
+        // Seen in the first frames where it is, in the last ones 40 mm aside; the rest was not seen.
+        let seen = |here: usize, aside: usize| Track {
+            particle_count: particles,
+            points: (0..points.len())
+                .map(|e| points[e] + if e / particles >= frames - aside { DVec3::Y * 40.0 } else { DVec3::ZERO })
+                .collect(),
+            weights: (0..points.len())
+                .map(|e| f64::from(u8::from(e / particles < here || e / particles >= frames - aside)))
+                .collect(),
+        };
+        assert!(is_believable(&strand, &seen(12, 0), &settings));
+        assert!(is_believable(&strand, &seen(12, 1), &settings), "one frame astray costs no strand");
+        assert!(!is_believable(&strand, &seen(9, 6), &settings));
+    }
 }
