@@ -182,8 +182,8 @@ fn exports_that_do_not_go_together_are_told_before_the_take_is_read() {
         (["--stage", "flow", "--to", "abc"].as_slice(), "vdb only"),
         (&["--stage", "blend", "--to", "vdb"], "not strands"),
         (&["--stage", "flow", "--to", "vdb", "--guides", "5"], "no strands"),
-        (&["--stage", "blend", "--to", "hair", "--for", "unreal"], "--for"),
-        (&["--stage", "blend", "--to", "cards"], "--guides"),
+        (&["--stage", "blend", "--to", "hair", "--for", "unreal"], "the take's world"),
+        (&["--stage", "blend", "--to", "cards"], "along guides"),
     ] {
         let run = strandflow(&[&["export", "no.take"], args, &["out"]].concat());
         assert_bad_input(&run, &[told]);

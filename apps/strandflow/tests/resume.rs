@@ -62,7 +62,9 @@ fn arrays_are_those_of_the_catalogue(files: &BTreeMap<PathBuf, Vec<u8>>) {
             found.insert(spec.path);
         }
     }
-    let missing: Vec<_> = catalogue::ARRAYS.iter().filter(|spec| !found.contains(spec.path)).collect();
+    // A run makes no animations; `animate.rs` has those.
+    let of_runs = catalogue::ARRAYS.iter().filter(|spec| !spec.path.starts_with("animate/"));
+    let missing: Vec<_> = of_runs.filter(|spec| !found.contains(spec.path)).collect();
     assert!(missing.is_empty(), "{missing:?}");
 }
 
