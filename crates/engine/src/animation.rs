@@ -5,29 +5,28 @@
 
 use std::{
     collections::{BTreeMap, btree_map::Entry},
-    ops::Range,
     path::PathBuf,
     sync::atomic::{AtomicBool, Ordering},
     time::Instant,
 };
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 use serde::Serialize;
-use strandflow_core::{Finding, Provenance, Report, RigidTransform, SparseVoxels, StrandSequence};
+use strandflow_core::{Finding, Report, RigidTransform, SparseVoxels};
 use strandflow_dynamics::{Params, driven::DrivenState};
 use strandflow_geometry::{icp::Similarity, signed_distance::SignedDistance};
-use strandflow_io::{At, IoError, strands::StrandFrames};
 use strandflow_stages::animate::{
-    Alignment, AnimateSettings, Animation, Captured, FrameCheck, PlacedGroom, Timeline, needed, place,
+    Alignment, AnimateSettings, Animation, Captured, PlacedGroom, Timeline, needed, place,
 };
 
-use crate::{
-    EngineError, Performance,
-    item::BLOCK_STRANDS,
-    memory,
-    needs::Identities,
-    store::{Record, Store, Writer},
-};
+use crate::{EngineError, Performance, memory, needs::Identities};
+
+mod frames;
+
+pub use frames::{AnimationStrands, animations};
+
+use frames::Folder;
 
 /// What is to be animated, and how.
 pub struct AnimationPlan<'a> {
@@ -134,7 +133,7 @@ pub fn animate(
 
     let folder = Folder::new(performance.store(), plan.name, &animation.counts());
     let inputs = inputs(performance, plan, &placed)?;
-    let (found, mut state) = folder.resumed(&inputs, plan.timeline.frames)?;
+    let (found, mut state): (usize, DrivenState) = folder.resumed(&inputs, plan.timeline.frames)?;
     if found == 0 {
         folder.begin(plan.timeline.frames)?;
     }
@@ -155,7 +154,7 @@ pub fn animate(
         peak_mb: None,
         findings: report.findings,
     };
-    let mut checks = (0..found).filter_map(|k| folder.check_of(k)).collect::<Vec<FrameCheck>>();
+    let mut checks = folder.checks(found)?;
     let mut fields = BTreeMap::new();
     let (started, mut simulating) = (Instant::now(), 0.0);
     for k in found..plan.timeline.frames {
@@ -233,7 +232,6 @@ fn springs(
         known.min_by(|a, b| a.0.distance_squared(*root).total_cmp(&b.0.distance_squared(*root))).map(|(_, p)| *p)
     };
     let of = |strand: &Vec<DVec3>| strand.first().and_then(nearest).unwrap_or_default();
-    use rayon::prelude::*;
     Ok(placed.strands.par_iter().map(of).collect())
 }
 
@@ -281,9 +279,7 @@ fn inputs(
     let Similarity { scale, rigid } = placed.transform;
     needs.value("settings", "placed", &(scale, rigid.to_rows()));
     needs.value("values", "take", &(performance.fps(), performance.gravity().to_array()));
-    for strand in plan.groom {
-        needs.value("groom", "strand", &strand.iter().map(|p| p.to_array()).collect::<Vec<_>>());
-    }
+    needs.value("groom", "strands", &hash_of(plan.groom));
     for frame in t.first..=t.last {
         needs.value("stage flow", "field", &performance.record_of(frame).map(|record| record.outputs));
     }
@@ -293,183 +289,17 @@ fn inputs(
     Ok(needs.finish().0)
 }
 
+/// A hash of all points.
+fn hash_of(groom: &[Vec<DVec3>]) -> String {
+    let mut hasher = blake3::Hasher::new();
+    for strand in groom {
+        hasher.update(&(strand.len() as u64).to_le_bytes());
+        strand.iter().flat_map(|p| p.to_array()).for_each(|x| {
+            hasher.update(&x.to_le_bytes());
+        });
+    }
+    hasher.finalize().to_hex().to_string()
+}
+
 /// Raised when the same input would give another animation.
-const VERSION: u32 = 1;
-
-/// An animation's arrays.
-struct Folder<'a> {
-    store: &'a Store,
-    name: String,
-    counts: Vec<u16>,
-    width: usize,
-}
-
-impl<'a> Folder<'a> {
-    fn new(store: &'a Store, name: &str, counts: &[usize]) -> Self {
-        let counts: Vec<u16> = counts.iter().map(|&n| n.min(u16::MAX.into()) as u16).collect();
-        let width = counts.iter().copied().max().unwrap_or(0).into();
-        Self { store, name: name.to_owned(), counts, width }
-    }
-
-    fn array(&self, array: &str) -> String {
-        format!("animate/{}/{array}", self.name)
-    }
-
-    fn item(&self, k: usize) -> String {
-        format!("animate/{}/{k:06}", self.name)
-    }
-
-    /// How many first frames are finished and of these inputs, and the state after the last of them.
-    fn resumed(&self, inputs: &BTreeMap<String, String>, frames: usize) -> Result<(usize, DrivenState), EngineError> {
-        let same = |k: usize| self.store.record(&self.item(k)).is_some_and(|record| record.inputs == *inputs);
-        let done = (0..frames).take_while(|k| same(*k)).count();
-        let fits = self.store.shape(&self.array("points")).is_ok_and(|s| s[1..] == [self.counts.len(), self.width, 3]);
-        if done == 0 || !fits {
-            return Ok((0, DrivenState::default()));
-        }
-        // The array may have been made for fewer frames.
-        self.shape(frames)?;
-        let part = |array: &str| read_frame(self.store, &self.array(array), done - 1, &self.counts, self.width);
-        Ok((done, DrivenState { points: part("points")?, velocities: part("velocities")? }))
-    }
-
-    /// Makes the arrays anew.
-    fn begin(&self, frames: usize) -> Result<(), EngineError> {
-        self.store.forget_phase(&format!("animate/{}", self.name))?;
-        self.store.remove(&format!("animate/{}", self.name))?;
-        self.shape(frames)?;
-        let mut writer = Writer::new(self.store);
-        writer.whole(&self.array("counts"), &[self.counts.len()], &self.counts)
-    }
-
-    fn shape(&self, frames: usize) -> Result<(), EngineError> {
-        let longest = self.store.shape(&self.array("points")).map_or(0, |shape| shape[0]).max(frames);
-        let (shape, chunk) = ([longest, self.counts.len(), self.width, 3], [1, BLOCK_STRANDS, self.width, 3]);
-        for array in ["points", "velocities"] {
-            self.store.ensure(&self.array(array), &shape, &chunk, serde_json::Value::Null)?;
-        }
-        self.store.ensure(&self.array("world_from_head"), &[longest, 4, 4], &[1, 4, 4], serde_json::Value::Null)
-    }
-
-    /// Writes a frame and declares it finished.
-    fn write(
-        &self,
-        k: usize,
-        (state, pose): (&DrivenState, &RigidTransform),
-        inputs: &BTreeMap<String, String>,
-        check: &FrameCheck,
-    ) -> Result<(), EngineError> {
-        self.store.forget(&self.item(k))?;
-        let mut writer = Writer::new(self.store);
-        writer.chunk(&self.array("world_from_head"), &[k, 0, 0], pose.to_rows().as_flattened())?;
-        for (array, values) in [("points", &state.points), ("velocities", &state.velocities)] {
-            let mut at = 0;
-            for (block, counts) in self.counts.chunks(BLOCK_STRANDS).enumerate() {
-                let mut chunk = vec![f32::NAN; BLOCK_STRANDS * self.width * 3];
-                for (strand, &count) in counts.iter().enumerate() {
-                    let rows = chunk[strand * self.width * 3..].chunks_exact_mut(3);
-                    rows.zip(&values[at..at + usize::from(count)])
-                        .for_each(|(row, v)| row.copy_from_slice(&v.to_array()));
-                    at += usize::from(count);
-                }
-                writer.chunk(&self.array(array), &[k, block, 0, 0], &chunk)?;
-            }
-        }
-        let mut outputs = writer.finish();
-        // What the frame was found to be goes with it, so that a resumed run knows it too.
-        outputs.insert("check".into(), serde_json::to_string(check).unwrap_or_default());
-        self.store.write_record(&self.item(k), &Record { inputs: inputs.clone(), outputs, findings: Vec::new() })
-    }
-
-    fn check_of(&self, k: usize) -> Option<FrameCheck> {
-        serde_json::from_str(self.store.record(&self.item(k))?.outputs.get("check")?).ok()
-    }
-}
-
-/// One frame of an array of vectors, strand after strand without the padding.
-fn read_frame(store: &Store, path: &str, k: usize, counts: &[u16], width: usize) -> Result<Vec<Vec3>, EngineError> {
-    let values: Vec<f32> = store.read(path, &[k..k + 1, 0..counts.len(), 0..width, 0..3])?;
-    let rows = counts.iter().enumerate().flat_map(|(n, &count)| n * width..n * width + usize::from(count));
-    Ok(rows.map(|i| Vec3::from_slice(&values[3 * i..])).collect())
-}
-
-/// A finished animation, read frame by frame.
-pub struct AnimationStrands<'a> {
-    store: &'a Store,
-    name: String,
-    numbers: Vec<u32>,
-    counts: Vec<u16>,
-    width: usize,
-}
-
-/// Which animations a store holds, by name.
-pub fn animations(store: &Store) -> Vec<String> {
-    let entries = std::fs::read_dir(store.root().join("animate")).into_iter().flatten().flatten();
-    let folders = entries.filter(|entry| entry.path().is_dir());
-    let mut names: Vec<String> = folders.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
-    names.sort();
-    names
-}
-
-impl<'a> AnimationStrands<'a> {
-    /// The finished frames of an animation.
-    ///
-    /// # Errors
-    /// `Input` where there is no such animation; `Store`.
-    pub fn open(store: &'a Store, name: &str) -> Result<Self, EngineError> {
-        let done = (0..).take_while(|k| store.record(&format!("animate/{name}/{k:06}")).is_some()).count();
-        if done == 0 {
-            let names = animations(store).join(", ");
-            let hint =
-                if names.is_empty() { "make one: `strandflow animate`".into() } else { format!("there are: {names}") };
-            return Err(EngineError::input(format!("animation {name}"), "is not there", hint));
-        }
-        let counts = store.read_all(&format!("animate/{name}/counts"))?;
-        let width = store.shape(&format!("animate/{name}/points"))?[2];
-        Ok(Self { store, name: name.to_owned(), numbers: (0..done as u32).collect(), counts, width })
-    }
-}
-
-impl AnimationStrands<'_> {
-    /// World from head in the `t`-th frame.
-    ///
-    /// # Errors
-    /// `Store`.
-    pub fn world_from_head(&self, t: usize) -> Result<RigidTransform, EngineError> {
-        let rows: Vec<f64> =
-            self.store.read(&format!("animate/{}/world_from_head", self.name), &[t..t + 1, 0..4, 0..4])?;
-        Ok(crate::read::transform_from_slice(&rows))
-    }
-}
-
-impl StrandFrames for AnimationStrands<'_> {
-    fn frames(&self) -> &[u32] {
-        &self.numbers
-    }
-
-    fn counts(&self) -> &[u16] {
-        &self.counts
-    }
-
-    fn point_count(&self) -> usize {
-        self.width
-    }
-
-    fn frame(&self, t: usize) -> Result<StrandSequence, IoError> {
-        let path = format!("animate/{}/points", self.name);
-        let read =
-            |range: Range<usize>| self.store.read::<f32>(&path, &[range, 0..self.counts.len(), 0..self.width, 0..3]);
-        let values = read(t..t + 1).map_err(|error| {
-            let at = At { frame: Some(t), ..At::FILE };
-            IoError::content(self.store.root(), at, error.to_string(), error.hint())
-        })?;
-        let mut sequence = StrandSequence::missing(vec![self.numbers[t]], self.counts.clone(), self.width);
-        for (i, point) in values.chunks_exact(3).map(Vec3::from_slice).enumerate() {
-            if point.is_finite() {
-                sequence.points[i] = point;
-                (sequence.provenance[i], sequence.confidence[i]) = (Provenance::Simulated, 1.0);
-            }
-        }
-        Ok(sequence)
-    }
-}
+const VERSION: u32 = 2;

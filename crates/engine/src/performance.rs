@@ -7,11 +7,7 @@ use strandflow_core::{FrameRange, Occupancy, RigidTransform, SparseVoxels};
 use strandflow_dynamics::Params;
 use strandflow_stages::scalp::Scalp;
 
-use crate::{
-    EngineError, Manifest, disk,
-    store::Store,
-    take::{RESOLVED, RESULTS},
-};
+use crate::{EngineError, Manifest, Plan, store::Store, take::RESULTS};
 
 /// The head's motion and the velocity field of a take.
 pub struct Performance {
@@ -30,7 +26,7 @@ impl Performance {
     pub fn open(root: &Path) -> Result<Self, EngineError> {
         let manifest = Manifest::read(root)?;
         let folder = root.join(RESULTS);
-        let frames = frames_of_last_run(root);
+        let frames = Plan::of_last_run(root).map(|plan| plan.frames);
         let (true, Some(frames)) = (folder.is_dir(), frames) else {
             return Err(nothing_to_drive(root, "there is no finished run"));
         };
@@ -101,14 +97,13 @@ impl Performance {
     /// # Errors
     /// `Store`.
     pub fn strands(&self, stage: &str, frame: usize) -> Result<Vec<Vec<DVec3>>, EngineError> {
-        let path = format!("{stage}/points");
-        let shape = self.store.shape(&path)?;
-        let values: Vec<f32> = self.store.read(&path, &[frame..frame + 1, 0..shape[1], 0..shape[2], 0..3])?;
-        let strand = |rows: &[f32]| {
-            let points = rows.chunks_exact(3).map(|p| Vec3::from_slice(p).as_dvec3());
+        let strands = self.store.shape(&format!("{stage}/points"))?[1];
+        let sequence = self.store.read_sequence_part(stage, FrameRange { start: frame, end: frame + 1 }, 0..strands)?;
+        let strand = |n: usize| {
+            let points = sequence.strand(0, n).iter().map(|p| p.as_dvec3());
             points.take_while(|p| p.is_finite()).collect()
         };
-        Ok(values.chunks_exact(3 * shape[2]).map(strand).collect())
+        Ok((0..strands).map(strand).collect())
     }
 
     /// Fitted spring parameters of the captured strands, in the order of the roots; those of strands that no fit explains are the
@@ -135,10 +130,4 @@ impl Performance {
 
 fn nothing_to_drive(root: &Path, fact: &str) -> EngineError {
     EngineError::input(root.display().to_string(), fact, "run the take first: `strandflow run TAKE`")
-}
-
-/// The frames of the run that wrote the results.
-fn frames_of_last_run(root: &Path) -> Option<FrameRange> {
-    let text = disk::read_text(&root.join(RESOLVED)).ok()?;
-    toml::from_str::<crate::Plan>(&text).ok().map(|plan| plan.frames)
 }

@@ -1,10 +1,12 @@
 //! What a run works on: mode, settings and frames, resolved before any work starts.
 
+use std::path::Path;
+
 use serde::{Deserialize, Serialize};
 use strandflow_core::FrameRange;
 use strandflow_stages::Mode;
 
-use crate::{EngineError, Manifest, Settings};
+use crate::{EngineError, Manifest, Settings, disk, take::RESOLVED};
 
 /// The resolved plan of a run; written to `resolved.toml` beside the results.
 ///
@@ -31,6 +33,12 @@ pub struct Plan {
 }
 
 impl Plan {
+    /// The plan of the last run of a take, as it stands beside the results; `None` where there was none or another version of
+    /// the program wrote it otherwise.
+    pub fn of_last_run(take: &Path) -> Option<Self> {
+        toml::from_str(&disk::read_text(&take.join(RESOLVED)).ok()?).ok()
+    }
+
     /// The plan for a take whose frames are `all`, with what the command line asks for.
     ///
     /// # Errors

@@ -96,9 +96,8 @@ impl Take {
     /// # Errors
     /// `Input` where `resolved.toml` is not readable and the manifest gives no plan.
     pub fn last_plan(&self) -> Result<Plan, EngineError> {
-        let text = std::fs::read_to_string(self.root.join(RESOLVED)).unwrap_or_default();
         let plan = self.plan(None, None)?;
-        let Ok(last) = toml::from_str::<Plan>(&text) else { return Ok(plan) };
+        let Some(last) = Plan::of_last_run(&self.root) else { return Ok(plan) };
         let inside = last.frames.start >= plan.frames.start && last.frames.end <= plan.frames.end;
         self.plan(Some(last.mode), inside.then_some(last.frames))
     }

@@ -208,7 +208,7 @@ const TOUCHING_MM: f64 = 0.1;
 const LEAST_EDGE_MM: f64 = 0.05;
 
 /// What one frame of an animation looks like.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameCheck {
     /// Strands looked at.
     pub strands: usize,
@@ -218,6 +218,18 @@ pub struct FrameCheck {
     pub length_change_sum: f64,
     /// See `length_change_sum`.
     pub length_change_most: f64,
+}
+
+impl FrameCheck {
+    /// Strands, strands in the head, sum and most of the changes.
+    pub fn to_array(&self) -> [f64; 4] {
+        [self.strands as f64, self.in_head as f64, self.length_change_sum, self.length_change_most]
+    }
+
+    /// From the order of [`FrameCheck::to_array`].
+    pub fn from_array([strands, in_head, length_change_sum, length_change_most]: [f64; 4]) -> Self {
+        Self { strands: strands as usize, in_head: in_head as usize, length_change_sum, length_change_most }
+    }
 }
 
 /// The captured frames that frame `k` of a timeline and the way to the next one need.

@@ -211,8 +211,8 @@ const EDGE_RANGE: (f64, f64) = (0.7, 1.4);
 const TORN_SHARE: f64 = 0.03;
 
 /// A strand of which more than this share of the samples lies beyond [`STRAY_MM`] from what it was made into is given up: it
-/// shows several hairs, and the simulation of one goes its own way where the others were seen. Those few strands (5 % of
-/// dev-straight's) carry nearly all of the distance between samples and refined strands. At 0 every outlier costs a strand.
+/// shows several hairs, and the simulation of one goes its own way where the others were seen. At 0 every outlier costs a
+/// strand.
 const STRAY_SHARE: f64 = 0.15;
 /// See [`STRAY_SHARE`] \[mm\].
 const STRAY_MM: f64 = 10.0;

@@ -1,4 +1,5 @@
-//! The thirteen stages as pure functions: what goes in and what comes out is stated here, in the order of the pipeline.
+//! The thirteen stages as pure functions: what goes in and what comes out is stated here, in the order of the pipeline; and
+//! [`animate`], which drives other grooms with what they found.
 //!
 //! A stage is `fn(input, &Settings, &mut Report) -> Result<Output, StageError>`. Stages meet in `strandflow_core` types: they
 //! do not depend on one another, open files or print. Parallelism inside a stage is rayon's; results do not depend on

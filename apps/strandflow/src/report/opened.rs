@@ -3,12 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use strandflow_core::{FrameRange, Rig};
-use strandflow_engine::{
-    EngineError, Item, Manifest, Plan, Take,
-    sources::read_rig,
-    store::Store,
-    take::{RESOLVED, RESULTS},
-};
+use strandflow_engine::{EngineError, Item, Manifest, Plan, Take, sources::read_rig, store::Store, take::RESULTS};
 
 use crate::failure::Failed;
 
@@ -29,8 +24,7 @@ impl Opened {
     /// Bad input where there is no manifest or it cannot be read.
     pub fn open(root: &Path) -> Result<Self, Failed> {
         let manifest = Manifest::read(root)?;
-        let last_run =
-            std::fs::read_to_string(root.join(RESOLVED)).ok().and_then(|text| toml::from_str::<Plan>(&text).ok());
+        let last_run = Plan::of_last_run(root);
         let folder = root.join(RESULTS);
         // Opening a store or a whole take would make the folder.
         let store = folder.is_dir().then(|| Store::open(&folder)).transpose()?;

@@ -78,6 +78,7 @@ const BLOCK: &str = "512 strands";
 
 const NUMBERS_OF_PROVENANCE: &str = "0 missing, 1 observed, 2 diffused, 3 simulated, 4 completed";
 const ANIMATED: &str = "world position of a groom driven by the captured motion, root first; NaN past its end";
+const CHECK: &str = "strands, strands in the head, sum and most of their relative changes of length";
 const CONFIDENCE: &str = "trust 0 to 1, times 255";
 const POSITION: &str = "world position, root first; NaN where there is no point";
 const COUNTS: &str = "particles of the strand in every frame; 0: the strand is absent";
@@ -234,6 +235,7 @@ pub const ARRAYS: &[ArraySpec] = &[
     spec("animate/NAME/points", (F32, "mm"), POINTS, STRANDS, ANIMATED),
     spec("animate/NAME/velocities", (F32, "mm/s"), POINTS, STRANDS, "velocity, from which the next frame goes on"),
     spec("animate/NAME/world_from_head", (F64, "mm"), &["frame", "row", "column"], PER_FRAME, "head space to world"),
+    spec("animate/NAME/check", (F64, "1"), &["frame", "figure"], PER_FRAME, CHECK),
     spec("animate/NAME/counts", (U16, "points"), &["strand"], PER_TAKE, "particles of the strand of the groom"),
 ];
 
