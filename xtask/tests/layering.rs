@@ -11,7 +11,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("dynamics", &["core"]),
     ("stages", &["core", "geometry", "image", "volume", "dynamics"]),
     ("io", &["core", "geometry"]),
-    ("eval", &["core", "geometry"]),
+    ("eval", &["core", "geometry", "io"]),
     ("render", &["core", "geometry"]),
     ("report", &["core"]),
     ("synth", &["core", "geometry", "dynamics"]),

@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3, Vec3};
 use indicatif::{ProgressBar, ProgressStyle};
-use strandflow_core::{RigidTransform, SparseVoxels};
+use strandflow_core::{RigidTransform, SparseVoxels, TriMesh};
 use strandflow_engine::{
     EngineError, Performance,
     animation::{AnimationPlan, AnimationSummary, OtherField, animate as make},
 };
 use strandflow_eval::truth::{self, Truth};
 use strandflow_geometry::icp::Similarity;
-use strandflow_io::{Carrier, Space, Target, VdbOptions, read_groom, read_vdb};
+use strandflow_io::{Carrier, Space, Target, VdbOptions, read_groom, read_obj, read_vdb};
 use strandflow_stages::animate::{Alignment, AnimateSettings, Timeline};
 
 use crate::{
@@ -43,6 +43,7 @@ pub fn animate(args: &AnimateArgs) -> Result<(), Failed> {
         }
         None => args.true_field.then_some(OtherField { from: "truth", files: Vec::new(), of: &true_field }),
     };
+    let still = args.collide.as_deref().map(|file| obstacle(file, &performance)).transpose()?;
     let plan = AnimationPlan {
         name: &name,
         groom: &groom,
@@ -50,6 +51,7 @@ pub fn animate(args: &AnimateArgs) -> Result<(), Failed> {
         fitted_springs: args.fitted_springs,
         timeline,
         field,
+        still: still.as_ref(),
         settings: settings(args),
     };
     let stop = run::stop_on_ctrl_c();
@@ -97,6 +99,29 @@ fn field_in(args: &AnimateArgs, performance: &Performance, frame: usize) -> Resu
     let named = grids.iter().find(|grid| grid.name == "velocity").or(grids.first());
     named.ok_or_else(|| said("holds no grid of vectors".into()))?.to_velocity(&options).map_err(said)
 }
+
+/// What stands still; a unit that cannot be meant is named.
+fn obstacle(file: &Path, performance: &Performance) -> Result<TriMesh, Failed> {
+    let mesh = read_obj(file)?;
+    let corners = || mesh.vertices.iter().copied();
+    let low = corners().fold(DVec3::INFINITY, DVec3::min);
+    let high = corners().fold(DVec3::NEG_INFINITY, DVec3::max);
+    let size = (high - low).max_element();
+    if (MESH_MM.0..=MESH_MM.1).contains(&size) {
+        return Ok(mesh);
+    }
+    let unit = [("centimetres", 10.0), ("metres", 1000.0)].into_iter();
+    let meant = unit.filter(|(_, mm)| (MESH_MM.0..=MESH_MM.1).contains(&(size * mm))).map(|(name, _)| name).next_back();
+    let hint = match meant {
+        Some(unit) => format!("it seems to be in {unit}: write it in millimetres, in the world of the take"),
+        None => "write it in millimetres, in the world of the take".into(),
+    };
+    let head = performance.pose(performance.frames().start)?.translation;
+    Err(Failed::input(format!("{}: is {size:.1} mm large; the head moves about {head:.0}", file.display()), hint))
+}
+
+/// Sizes of a body, or a part of one \[mm\].
+const MESH_MM: (f64, f64) = (60.0, 4000.0);
 
 fn is(path: &Path, word: &str) -> bool {
     path == Path::new(word)

@@ -217,6 +217,9 @@ pub struct AnimateArgs {
     /// Frames to make; more than the capture has go to and fro without a seam.
     #[arg(long, value_name = "N")]
     pub length: Option<usize>,
+    /// A mesh (Wavefront OBJ, millimetres, the take's world) that stands still and hair may not enter, such as shoulders.
+    #[arg(long, value_name = "FILE")]
+    pub collide: Option<PathBuf>,
     /// Factor of the captured motion beside the head's: 0 moves with the head, 1 as captured.
     #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
     pub amplitude: f64,

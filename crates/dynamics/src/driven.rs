@@ -23,8 +23,10 @@ use crate::{
     window::{WindowInput, WindowWorkspace},
 };
 
+mod contact;
 mod hung;
 
+pub use contact::{Contact, lay_outside};
 pub use hung::Hung;
 
 /// Particles that follow the head, as in the fit.
@@ -40,9 +42,8 @@ pub trait Surroundings: Sync {
     fn world_from_head(&self, share: f64) -> RigidTransform;
     /// The field's velocity \[mm/s\], world; `None` where it says nothing.
     fn velocity(&self, share: f64, point: DVec3) -> Option<DVec3>;
-    /// How far a point lies inside the head or its clearance \[mm\], with the outward unit normal there, in head space; `None`
-    /// where it is free.
-    fn contact(&self, point_in_head: DVec3) -> Option<(f64, DVec3)>;
+    /// What a point, world, meets that strands may not enter; `None` where it is free.
+    fn contact(&self, share: f64, point: DVec3) -> Option<Contact>;
 }
 
 /// How strands are driven.
@@ -125,6 +126,9 @@ pub fn advance_on<R: Kernels>(
         state.velocities[range].copy_from_slice(&velocities);
     }
 }
+
+/// The head at the start and the end of a substep.
+type Skin<'a> = (&'a RigidTransform, &'a RigidTransform);
 
 /// Points and velocities of one strand at the end of the frame.
 type Moved = (Vec<Vec3>, Vec<Vec3>);
@@ -234,10 +238,11 @@ impl<'a, R: Kernels> Bundle<'a, R> {
             self.v.copy_from_slice(workspace.velocities(1));
             let (from, to) = (around.world_from_head(share(0.0)), around.world_from_head(share(1.0)));
             for lane in 0..self.lanes.len() {
-                if s + 1 == substeps {
-                    self.limit_stretch(lane);
+                let meets = |point: DVec3| around.contact(share(1.0), point);
+                match s + 1 == substeps {
+                    true => self.settle(lane, &meets, (&from, &to)),
+                    false => self.collide(lane, &meets, (&from, &to)),
                 }
-                self.collide(lane, around, &from, &to);
             }
         }
         (0..self.lanes.len()).map(|lane| self.unloaded(lane)).collect()
@@ -278,67 +283,43 @@ impl<'a, R: Kernels> Bundle<'a, R> {
         (b - a).normalize_or_zero()
     }
 
-    /// Brings edges back to within [`MOST_STRETCH`] of the groom's, from the root on; what hangs on an edge moves with it.
-    fn limit_stretch(&mut self, lane: usize) {
+    /// At the frame's end: edges within [`MOST_STRETCH`] of the groom's, particles and edges outside of everything.
+    fn settle(&mut self, lane: usize, meets: &impl Fn(DVec3) -> Option<Contact>, skin: Skin) {
         let groom = &self.lanes[lane].strand.in_head;
-        let mut shift = DVec3::ZERO;
-        for i in self.fixed.max(1)..groom.len() {
-            let rest = groom[i].distance(groom[i - 1]);
-            let (before, here) = (self.get(&self.x[i - 1], lane), self.get(&self.x[i], lane) + shift);
-            let edge = here - before;
-            let length = edge.length();
-            let limited = length.clamp((1.0 - MOST_STRETCH) * rest, (1.0 + MOST_STRETCH) * rest);
-            if limited != length && length > 0.0 {
-                shift += edge * (limited / length - 1.0);
-            }
-            let moved = self.get(&self.x[i], lane) + shift - self.origins[lane];
-            set(&mut self.x[i], lane, moved);
+        let edge = |i: usize| groom[i].distance(groom[i - 1]);
+        let limits = |i: usize| ((1.0 - MOST_STRETCH) * edge(i), (1.0 + MOST_STRETCH) * edge(i));
+        let mut points: Vec<DVec3> = (0..groom.len()).map(|i| self.get(&self.x[i], lane)).collect();
+        let mut touched: Vec<(usize, Contact)> = Vec::new();
+        lay_outside(&mut points, self.fixed, limits, meets, |i, met| touched.push((i, *met)));
+        for (i, met) in touched {
+            self.slow(lane, i, &met, skin);
+        }
+        for (i, point) in points.into_iter().enumerate().skip(self.fixed) {
+            set(&mut self.x[i], lane, point - self.origins[lane]);
         }
     }
 
-    /// After a step: particles, then edges, out of the head.
-    fn collide(&mut self, lane: usize, around: &dyn Surroundings, from: &RigidTransform, to: &RigidTransform) {
-        let head_from_world = to.inverse();
-        let count = self.lanes[lane].points.len();
-        for i in self.fixed..count {
-            let point = head_from_world.point(self.get(&self.x[i], lane));
-            if let Some((depth, normal)) = around.contact(point) {
-                self.push(lane, i, depth, normal, (from, to));
-            }
-        }
-        // An edge over a bulge: its ends go out by what its middle lacks.
-        for i in self.fixed.max(1)..count {
-            let ends = [i - 1, i].map(|i| self.get(&self.x[i], lane));
-            if let Some((depth, normal)) = around.contact(head_from_world.point(ends[0].midpoint(ends[1]))) {
-                let held = i == self.fixed;
-                self.push(lane, i, if held { 2.0 * depth } else { depth }, normal, (from, to));
-                if !held {
-                    self.push(lane, i - 1, depth, normal, (from, to));
-                }
+    /// After a step within a frame: particles out of everything.
+    fn collide(&mut self, lane: usize, meets: &impl Fn(DVec3) -> Option<Contact>, skin: Skin) {
+        for i in self.fixed..self.lanes[lane].points.len() {
+            let point = self.get(&self.x[i], lane);
+            if let Some(met) = meets(point) {
+                self.slow(lane, i, &met, skin);
+                set(&mut self.x[i], lane, point + met.normal * met.depth - self.origins[lane]);
             }
         }
     }
 
-    /// Moves a particle out along a normal (head space) and takes away its speed into the head and some of that along it.
-    fn push(
-        &mut self,
-        lane: usize,
-        i: usize,
-        depth: f64,
-        normal: DVec3,
-        (from, to): (&RigidTransform, &RigidTransform),
-    ) {
+    /// Takes away a particle's speed into what it met, and some of that along it.
+    fn slow(&mut self, lane: usize, i: usize, met: &Contact, (from, to): Skin) {
         let dt = self.options.frame_secs / self.options.substeps as f64;
-        let (outward, world) = (to.vector(normal), self.get(&self.x[i], lane));
-        let mut velocity = vector(&self.v[i], lane);
-        let skin = (world - from.point(to.inverse().point(world))) / dt;
-        let relative = velocity - skin;
-        let across = relative.dot(outward);
-        let along = relative - outward * across;
-        velocity -= outward * across.min(0.0) + along * (1.0 - (-self.options.friction * dt).exp());
-        set(&mut self.v[i], lane, velocity);
-        let moved = world + outward * depth - self.origins[lane];
-        set(&mut self.x[i], lane, moved);
+        let (here, velocity) = (self.get(&self.x[i], lane), vector(&self.v[i], lane));
+        let surface = if met.on_head { (here - from.point(to.inverse().point(here))) / dt } else { DVec3::ZERO };
+        let relative = velocity - surface;
+        let across = relative.dot(met.normal);
+        let along = relative - met.normal * across;
+        let taken = met.normal * across.min(0.0) + along * (1.0 - (-self.options.friction * dt).exp());
+        set(&mut self.v[i], lane, velocity - taken);
     }
 
     fn get(&self, point: &V3<R>, lane: usize) -> DVec3 {

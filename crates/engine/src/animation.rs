@@ -13,11 +13,11 @@ use std::{
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde::Serialize;
-use strandflow_core::{Finding, Report, RigidTransform, SparseVoxels};
+use strandflow_core::{Finding, Report, RigidTransform, SparseVoxels, TriMesh};
 use strandflow_dynamics::{Params, driven::DrivenState};
 use strandflow_geometry::{icp::Similarity, signed_distance::SignedDistance};
 use strandflow_stages::animate::{
-    Alignment, AnimateSettings, Animation, Captured, PlacedGroom, Timeline, needed, place,
+    Alignment, AnimateSettings, Animation, Captured, Obstacles, PlacedGroom, Timeline, needed, place,
 };
 
 use crate::{EngineError, Performance, memory, needs::Identities};
@@ -42,6 +42,8 @@ pub struct AnimationPlan<'a> {
     pub timeline: Timeline,
     /// Other velocities than the captured ones.
     pub field: Option<OtherField<'a>>,
+    /// What stands still and hair may not enter, such as shoulders, world \[mm\].
+    pub still: Option<&'a TriMesh>,
     /// All else.
     pub settings: AnimateSettings,
 }
@@ -78,7 +80,7 @@ pub struct AnimationSummary {
     pub found: usize,
     /// Whether it was stopped before the end.
     pub interrupted: bool,
-    /// Most strands with a point in the head in any frame.
+    /// Most strands with a point in the head, or in what stands still, in any frame.
     pub in_head: usize,
     /// Mean relative change of a strand's length against the groom over all frames, and the most of any strand.
     pub length_change_mean: f64,
@@ -96,6 +98,10 @@ pub struct AnimationSummary {
 
 /// Voxels of the head's signed distance \[mm\]: finer takes memory, coarser rounds the ears off.
 const SKIN_VOXEL_MM: f64 = 2.0;
+/// The same for what stands still, which is larger and smoother.
+const STILL_VOXEL_MM: f64 = 4.0;
+/// How far around that it is sampled \[mm\]; beyond, the distance is to the box.
+const STILL_MARGIN_MM: f64 = 12.0;
 /// How far around the head it is sampled \[mm\].
 const SKIN_MARGIN_MM: f64 = 24.0;
 
@@ -115,6 +121,8 @@ pub fn animate(
     let mut report = Report::default();
     let scalp = performance.scalp()?;
     let skin = SignedDistance::from_mesh(&scalp.mesh, SKIN_VOXEL_MM, SKIN_MARGIN_MM);
+    let still = plan.still.map(|mesh| SignedDistance::from_mesh(mesh, STILL_VOXEL_MM, STILL_MARGIN_MM));
+    let obstacles = Obstacles { skin: &skin, still: still.as_ref() };
     let first_pose = performance.pose(plan.timeline.first)?;
     let down = first_pose.inverse().vector(performance.gravity());
     // The groom is given in the world of the first frame shown.
@@ -163,19 +171,19 @@ pub fn animate(
             break;
         }
         if k == 0 {
-            state = animation.start(&first_pose);
+            state = animation.start(&first_pose, &obstacles);
         } else {
             let frames = needed(&plan.timeline, k - 1);
             load(performance, plan, &mut fields, frames.clone())?;
             let poses = frames.clone().map(|f| performance.pose(f)).collect::<Result<Vec<_>, _>>()?;
             let held: Vec<&SparseVoxels<Vec3>> = fields.values().collect();
-            let captured = Captured { first: *frames.start(), poses: &poses, fields: &held, skin: &skin };
+            let captured = Captured { first: *frames.start(), poses: &poses, fields: &held, obstacles };
             let before = Instant::now();
             animation.advance(&mut state, k - 1, &plan.timeline, &captured);
             simulating += before.elapsed().as_secs_f64();
         }
         let pose = pose_at(performance, plan.timeline.source(k as f64))?;
-        let check = animation.check(&state, &pose, &skin);
+        let check = animation.check(&state, &pose, &obstacles);
         folder.write(k, (&state, &pose), &inputs, &check)?;
         checks.push(check);
         summary.made += 1;
@@ -275,6 +283,7 @@ fn inputs(
     let t = &plan.timeline;
     // The number of frames is left out where it only says how far to go on.
     let to_and_fro = t.frames > Timeline::once(t.first, t.last, t.speed).frames;
+    needs.value("settings", "still", &plan.still.map(mesh_hash));
     needs.value("settings", "timeline", &(t.first, t.last, t.speed, to_and_fro));
     let Similarity { scale, rigid } = placed.transform;
     needs.value("settings", "placed", &(scale, rigid.to_rows()));
@@ -287,6 +296,12 @@ fn inputs(
         needs.value("stages", item, &performance.store().record(item).map(|record| record.outputs));
     }
     Ok(needs.finish().0)
+}
+
+/// A hash of a mesh.
+fn mesh_hash(mesh: &TriMesh) -> String {
+    let corners = mesh.faces.iter().map(|face| face.map(|v| mesh.vertices[v as usize]).to_vec());
+    hash_of(&corners.collect::<Vec<_>>())
 }
 
 /// A hash of all points.
@@ -302,4 +317,4 @@ fn hash_of(groom: &[Vec<DVec3>]) -> String {
 }
 
 /// Raised when the same input would give another animation.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;

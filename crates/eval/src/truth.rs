@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec2, DVec3, Vec3};
 use strandflow_core::{RigidTransform, TriMesh};
+use strandflow_io::read_obj;
 
 /// What is true of a capture. World coordinates are those of the calibration, in millimetres.
 #[derive(Clone, Debug, Default)]
@@ -114,9 +115,7 @@ fn read_head(folder: &Path, truth: &mut Truth) -> Result<(), TruthError> {
     let world_from_mesh = archive.poses("head_to_world")?.first().copied().unwrap_or_default();
     let path = folder.join("head.obj");
     if path.is_file() {
-        let text = std::fs::read_to_string(&path)
-            .map_err(|error| TruthError { file: path.clone(), fact: error.to_string() })?;
-        truth.head = parse_obj(&text).ok_or(TruthError { file: path, fact: "not a mesh of v and f lines".into() })?;
+        truth.head = read_obj(&path).map_err(|error| TruthError { fact: error.fact(), file: path })?;
         truth.head.vertices.iter_mut().for_each(|v| *v = world_from_mesh.point(*v * 1000.0));
     }
     Ok(())
@@ -135,31 +134,6 @@ fn read_markers(archive: &mut Archive, truth: &mut Truth) -> Result<(), TruthErr
     let frames = all.chunks_exact(views * markers);
     truth.marker_views = frames.map(|f| f.chunks_exact(markers).map(<[_]>::to_vec).collect()).collect();
     Ok(())
-}
-
-/// Vertices and faces (polygons as fans) of a Wavefront file.
-fn parse_obj(text: &str) -> Option<TriMesh> {
-    let mut mesh = TriMesh::default();
-    for line in text.lines() {
-        let mut words = line.split_whitespace();
-        match words.next() {
-            Some("v") => {
-                let c: Vec<f64> = words.map_while(|w| w.parse().ok()).collect();
-                mesh.vertices.push(DVec3::new(*c.first()?, *c.get(1)?, *c.get(2)?));
-            }
-            Some("f") => {
-                let corners: Option<Vec<u32>> =
-                    words.map(|w| w.split('/').next()?.parse::<u32>().ok()?.checked_sub(1)).collect();
-                let corners = corners?;
-                for pair in corners.get(1..)?.windows(2) {
-                    mesh.faces.push([corners[0], pair[0], pair[1]]);
-                }
-            }
-            _ => {}
-        }
-    }
-    let count = mesh.vertices.len() as u32;
-    mesh.faces.iter().flatten().all(|v| *v < count).then_some(mesh)
 }
 
 /// A `.npz` file.
@@ -231,13 +205,6 @@ impl Archive {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn polygons_become_fans() {
-        let mesh = parse_obj("# x\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1/1 2/2 3/3 4/4\n").unwrap();
-        assert_eq!(mesh.faces, [[0, 1, 2], [0, 2, 3]]);
-        assert!(parse_obj("v 0 0 0\nf 1 2 3\n").is_none());
-    }
 
     #[test]
     fn a_folder_without_truth_is_named() {

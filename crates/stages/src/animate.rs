@@ -4,11 +4,12 @@
 use glam::{DVec3, Vec3};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use strandflow_core::{RigidTransform, SparseVoxels};
 use strandflow_dynamics::{
     Params,
-    driven::{CLAMPED, DriveOptions, DrivenState, Hung, Surroundings, advance_frame},
+    driven::{CLAMPED, Contact, DriveOptions, DrivenState, Hung, Surroundings, advance_frame, lay_outside},
 };
 use strandflow_geometry::signed_distance::SignedDistance;
 use strandflow_volume::velocity::VelocitySampler;
@@ -117,8 +118,37 @@ pub struct Captured<'a> {
     pub poses: &'a [RigidTransform],
     /// Velocities \[mm/s\].
     pub fields: &'a [&'a SparseVoxels<Vec3>],
-    /// Signed distance of the head, head space.
+    /// What hair may not enter.
+    pub obstacles: Obstacles<'a>,
+}
+
+/// What hair may not enter.
+#[derive(Clone, Copy)]
+pub struct Obstacles<'a> {
+    /// Signed distance of head and neck, head space.
     pub skin: &'a SignedDistance,
+    /// Signed distance of what stands still, such as shoulders, world.
+    pub still: Option<&'a SignedDistance>,
+}
+
+impl Obstacles<'_> {
+    /// How far a point, world, is from the nearest of them \[mm\], negative inside.
+    pub fn distance(&self, head_from_world: &RigidTransform, point: DVec3) -> f64 {
+        let still = self.still.map_or(f64::INFINITY, |still| still.distance(point));
+        self.skin.distance(head_from_world.point(point)).min(still)
+    }
+
+    /// What a point, world, meets within a clearance \[mm\].
+    fn meets(&self, world_from_head: &RigidTransform, point: DVec3, clearance: f64) -> Option<Contact> {
+        let way = |distance: &SignedDistance, from: DVec3| place::lifted(from, distance, clearance) - from;
+        let contact = |way: DVec3, on_head| Contact { depth: way.length(), normal: way.normalize_or_zero(), on_head };
+        let in_head = world_from_head.inverse().point(point);
+        if self.skin.distance(in_head) < clearance {
+            return Some(contact(world_from_head.vector(way(self.skin, in_head)), true));
+        }
+        let still = self.still.filter(|still| still.distance(point) < clearance)?;
+        Some(contact(way(still, point), false))
+    }
 }
 
 impl Animation {
@@ -148,10 +178,18 @@ impl Animation {
         self.strands.iter().map(Hung::particle_count).collect()
     }
 
-    /// The groom where the head puts it.
-    pub fn start(&self, world_from_head: &RigidTransform) -> DrivenState {
-        let points: Vec<Vec3> =
-            self.strands.iter().flat_map(|s| &s.in_head).map(|p| world_from_head.point(*p).as_vec3()).collect();
+    /// The groom where the head puts it, outside of what stands still.
+    pub fn start(&self, world_from_head: &RigidTransform, obstacles: &Obstacles) -> DrivenState {
+        let meets = |p: DVec3| obstacles.meets(world_from_head, p, self.settings.clearance_mm);
+        let start = |strand: &Hung| {
+            let mut points: Vec<DVec3> = strand.in_head.iter().map(|p| world_from_head.point(*p)).collect();
+            if obstacles.still.is_some() {
+                let edges: Vec<f64> = points.windows(2).map(|p| p[0].distance(p[1])).collect();
+                lay_outside(&mut points, CLAMPED, |i| (edges[i - 1], edges[i - 1]), meets, |_, _| {});
+            }
+            points.into_iter().map(|p| p.as_vec3()).collect::<Vec<_>>()
+        };
+        let points = self.strands.par_iter().map(start).collect::<Vec<_>>().concat();
         DrivenState { velocities: vec![Vec3::ZERO; points.len()], points }
     }
 
@@ -172,15 +210,15 @@ impl Animation {
         advance_frame(&self.strands, state, &around, &options);
     }
 
-    /// How the state stands to the groom and the head.
-    pub fn check(&self, state: &DrivenState, world_from_head: &RigidTransform, skin: &SignedDistance) -> FrameCheck {
+    /// How the state stands to the groom and what it may not enter.
+    pub fn check(&self, state: &DrivenState, world_from_head: &RigidTransform, obstacles: &Obstacles) -> FrameCheck {
         let head_from_world = world_from_head.inverse();
         let mut check = FrameCheck::default();
         let mut start = 0;
         for strand in &self.strands {
             let points = &state.points[start..start + strand.particle_count()];
             start += points.len();
-            let inside = |p: DVec3| skin.distance(head_from_world.point(p)) < -TOUCHING_MM;
+            let inside = |p: DVec3| obstacles.distance(&head_from_world, p) < -TOUCHING_MM;
             let free = points.get(CLAMPED - 1..).unwrap_or_default();
             let through = free.iter().skip(1).any(|p| inside(p.as_dvec3()))
                 || free.windows(2).any(|p| inside(p[0].lerp(p[1], 0.5).as_dvec3()));
@@ -212,7 +250,7 @@ const LEAST_EDGE_MM: f64 = 0.05;
 pub struct FrameCheck {
     /// Strands looked at.
     pub strands: usize,
-    /// Strands with a point, or the middle of an edge, in the head.
+    /// Strands with a point, or the middle of an edge, in the head or in what stands still.
     pub in_head: usize,
     /// Sum and most of the strands' relative change of length against the groom.
     pub length_change_sum: f64,
@@ -286,13 +324,8 @@ impl Surroundings for Around<'_> {
         Some((head + amplitude * (captured - head)) * rate)
     }
 
-    fn contact(&self, point_in_head: DVec3) -> Option<(f64, DVec3)> {
-        let clearance = self.animation.settings.clearance_mm;
-        if self.captured.skin.distance(point_in_head) >= clearance {
-            return None;
-        }
-        let way = place::lifted(point_in_head, self.captured.skin, clearance) - point_in_head;
-        Some((way.length(), way.normalize_or_zero()))
+    fn contact(&self, share: f64, point: DVec3) -> Option<Contact> {
+        self.captured.obstacles.meets(&self.world_from_head(share), point, self.animation.settings.clearance_mm)
     }
 }
 

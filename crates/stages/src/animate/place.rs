@@ -3,9 +3,12 @@
 //! Reference: Zhang, Wu, Zhang et al. 2012, §5.5 ("align hair roots to our captured scalp by the iterative closest point method
 //! and project them onto the scalp").
 
+use std::collections::BTreeSet;
+
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use strandflow_core::{Place, Report, RigidTransform, TriMesh};
+use strandflow_dynamics::driven::{Contact, lay_outside};
 use strandflow_geometry::{
     icp::{Icp, Similarity, icp},
     mesh_distance::MeshDistance,
@@ -54,8 +57,6 @@ const HANGS: f64 = 0.8;
 const STEPS: (usize, usize) = (15, 100);
 /// A groom whose roots end further than this from the scalp on average is not on it \[mm\].
 const NEAR_MM: f64 = 15.0;
-/// Rounds of pushing strands out of the head and restoring their lengths.
-const ROUNDS: usize = 30;
 
 /// Brings a groom onto a scalp.
 ///
@@ -213,25 +214,24 @@ fn ways_up() -> Vec<DMat3> {
     pairs.filter(|(x, y)| x.dot(*y) == 0.0).map(|(x, y)| DMat3::from_cols(x, y, x.cross(y))).collect()
 }
 
-/// Moves a strand's particles, the root excepted, out of the head and restores its edges, in turns; how many had to move.
+/// Moves a strand's particles, the root excepted, out of the head and keeps its edges; how many had to move.
 fn push_out(points: &mut [DVec3], skin: &SignedDistance, clearance_mm: f64) -> usize {
-    let inside = |p: DVec3| skin.distance(p) < clearance_mm;
-    let moved = points.iter().skip(1).filter(|p| inside(**p)).count();
-    if moved == 0 {
-        return 0;
-    }
     let edges: Vec<f64> = points.windows(2).map(|p| p[0].distance(p[1])).collect();
-    for _ in 0..ROUNDS {
-        for i in 1..points.len() {
-            let edge = (points[i] - points[i - 1]).normalize_or(DVec3::NEG_Z);
-            points[i] = lifted(points[i - 1] + edge * edges[i - 1], skin, clearance_mm);
-        }
-        let kept = |(pair, edge): (&[DVec3], &f64)| (pair[0].distance(pair[1]) - edge).abs() <= 1e-3 * edge;
-        if points.windows(2).zip(&edges).all(kept) {
-            break;
-        }
-    }
-    moved
+    let meets = |point: DVec3| {
+        let way = lifted(point, skin, clearance_mm) - point;
+        (way != DVec3::ZERO).then(|| Contact { depth: way.length(), normal: way.normalize_or_zero(), on_head: true })
+    };
+    let mut moved = BTreeSet::new();
+    lay_outside(
+        points,
+        1,
+        |i| (edges[i - 1], edges[i - 1]),
+        meets,
+        |i, _| {
+            moved.insert(i);
+        },
+    );
+    moved.len()
 }
 
 /// A point moved out of the head along the gradient.

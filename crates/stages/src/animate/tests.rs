@@ -112,15 +112,16 @@ fn farthest(settings: &AnimateSettings, (turn, gain): (f64, f64), timeline: Time
     let placed = place_it(head, &groom(head), Alignment::AsGiven).unwrap();
     let (poses, fields) = captured(turn, gain);
     let fields: Vec<&SparseVoxels<Vec3>> = fields.iter().collect();
-    let captured = Captured { first: 0, poses: &poses, fields: &fields, skin: &head.skin };
+    let obstacles = Obstacles { skin: &head.skin, still: None };
+    let captured = Captured { first: 0, poses: &poses, fields: &fields, obstacles };
     let animation = Animation::new(&placed, |_| Params::default(), settings, (GRAVITY, poses[0]), 0.01);
-    let mut state = animation.start(&poses[0]);
+    let mut state = animation.start(&poses[0], &obstacles);
     let mut worst: f64 = 0.0;
     for k in 0..timeline.frames - 1 {
         animation.advance(&mut state, k, &timeline, &captured);
         let time = timeline.source(k as f64 + 1.0);
         let pose = pose_at(&poses, (time as usize, (time as usize + 1).min(11), time.fract()));
-        let check = animation.check(&state, &pose, &head.skin);
+        let check = animation.check(&state, &pose, &obstacles);
         assert_eq!(check.in_head, 0);
         let rigid = placed.strands.iter().flatten().map(|p| pose.point(*p).as_vec3());
         worst = rigid.zip(&state.points).map(|(p, q)| f64::from(p.distance(*q))).fold(worst, f64::max);
