@@ -207,6 +207,11 @@ fn bad_grooms_are_named_with_what_to_do() {
     refused(&animate(&take, &file, &["--as-given"]), &["mm from the captured scalp", "--transform"]);
     refused(&animate(&take, &file, &["--name", "a/b"]), &["a/b", "letters"]);
     refused(&animate(&take, &file, &["--frames", "0..90"]), &["0..7"]);
+    let mesh = take.with_file_name("body.obj");
+    std::fs::write(&mesh, "v 0 0 0\nv 0.4 0 0\nv 0 0.2 0\nf 1 2 3\n").unwrap();
+    refused(&animate(&take, &file, &["--collide", text(&mesh)]), &["body.obj", "metres"]);
+    std::fs::write(&mesh, "v 0 0 0\nf 1 2 3\n").unwrap();
+    refused(&animate(&take, &file, &["--collide", text(&mesh)]), &["body.obj:2", "OBJ"]);
     refused(&animate(&take, &file, &["--amplitude=-1"]), &["amplitude", "0..=5"]);
     let cut = std::fs::read(&file).unwrap();
     std::fs::write(&file, &cut[..cut.len() / 2]).unwrap();

@@ -2,7 +2,7 @@ use std::sync::LazyLock;
 
 use glam::DMat3;
 use strandflow_core::{Grid, Report};
-use strandflow_geometry::{icp::Similarity, primitives::icosphere};
+use strandflow_geometry::{icp::Similarity, primitives::{cuboid, icosphere}};
 
 use super::*;
 use crate::StageError;
@@ -146,6 +146,32 @@ fn the_amplitude_scales_what_the_hair_does_beside_the_head() {
     let with = |amplitude: f64| farthest(&AnimateSettings { amplitude, ..Default::default() }, (0.02, 0.5), once);
     let (none, captured) = (with(0.0), with(1.0));
     assert!(none < 0.1 && captured > 3.0, "{none} {captured} mm");
+}
+
+#[test]
+fn hair_lies_on_shoulders_that_stand_still() {
+    let head = &*HEAD;
+    let placed = place_it(head, &groom(head), Alignment::AsGiven).unwrap();
+    let (poses, fields) = captured(0.03, 1.0);
+    let fields: Vec<&SparseVoxels<Vec3>> = fields.iter().collect();
+    // As wide as shoulders, its top where the groom still reaches.
+    let low = MIDDLE + DVec3::new(-200.0, -70.0, -300.0);
+    let shoulders = SignedDistance::from_mesh(&cuboid(low, low + DVec3::new(400.0, 140.0, 180.0)), 4.0, 12.0);
+    let alone = Obstacles { skin: &head.skin, still: None };
+    let obstacles = Obstacles { skin: &head.skin, still: Some(&shoulders) };
+    let timeline = Timeline::once(0, 11, 1.0);
+    let animation =
+        Animation::new(&placed, |_| Params::default(), &AnimateSettings::default(), (GRAVITY, poses[0]), 0.01);
+    let mut state = animation.start(&poses[0], &alone);
+    assert!(animation.check(&state, &poses[0], &obstacles).in_head > 10, "the groom does not reach the shoulders");
+    state = animation.start(&poses[0], &obstacles);
+    let captured = Captured { first: 0, poses: &poses, fields: &fields, obstacles };
+    for k in 0..timeline.frames - 1 {
+        animation.advance(&mut state, k, &timeline, &captured);
+        let check = animation.check(&state, &poses[k + 1], &obstacles);
+        assert_eq!(check.in_head, 0, "frame {k}");
+        assert!(check.length_change_most < 0.02, "{}", check.length_change_most);
+    }
 }
 
 #[test]
