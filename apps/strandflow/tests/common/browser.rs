@@ -18,7 +18,7 @@ const WIDTHS: [usize; 2] = [1200, 390];
 pub fn assert_shown_well(page: &Path) {
     if Command::new("chromium").arg("--version").output().is_err() {
         assert!(std::env::var_os("CI").is_none(), "no chromium, and the checks are to be whole");
-        println!("skipped: no chromium");
+        eprintln!("skipped: no chromium");
         return;
     }
     let folder = tempfile::tempdir().unwrap();
