@@ -142,7 +142,7 @@ mod tests {
         assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 2);
     }
 
-    #[cfg(unix)]
+    #[cfg(target_os = "linux")]
     #[test]
     fn a_device_is_not_replaced() {
         let told = write_bytes(Path::new("/dev/full"), b"new").unwrap_err();
