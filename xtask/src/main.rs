@@ -6,7 +6,7 @@ use std::{
 };
 
 const USAGE: &str =
-    "cargo xtask setup    install what the tests use beyond Rust: ffmpeg, python3-openvdb, and foreign readers in target/python
+    "cargo xtask setup    install what the tests use beyond Rust: ffmpeg, python3-openvdb, chromium, and foreign readers in target/python
 cargo xtask test     setup, then all tests; what could not be installed is skipped and said so";
 
 fn main() -> ExitCode {
@@ -26,11 +26,12 @@ fn main() -> ExitCode {
     }
 }
 
-/// Installs ffmpeg and python3-openvdb (Debian) and the foreign readers. `strict`: a missing thing is an error, else a notice.
+/// Installs ffmpeg, python3-openvdb and chromium (Debian) and the foreign readers. `strict`: a missing thing is an error, else a notice.
 fn setup(strict: bool) -> Result<(), String> {
     for (what, had) in [
         ("ffmpeg (videos)", ffmpeg()),
         ("python3-openvdb (volumes)", openvdb()),
+        ("chromium (pages)", chromium()),
         ("alembic3d, numpy, usd-core, zarr (foreign readers)", readers()),
     ] {
         match had {
@@ -44,6 +45,10 @@ fn setup(strict: bool) -> Result<(), String> {
 
 fn ffmpeg() -> Result<(), String> {
     debian("ffmpeg", Command::new("ffmpeg").arg("-version"))
+}
+
+fn chromium() -> Result<(), String> {
+    debian("chromium", Command::new("chromium").arg("--version"))
 }
 
 /// Belongs to the system's interpreter; a virtual environment does not see it.

@@ -9,12 +9,13 @@ use strandflow_engine::{
     EngineError, Performance,
     animation::{AnimationPlan, AnimationSummary, OtherField, animate as make},
 };
-use strandflow_eval::truth::{self, Truth};
+use strandflow_eval::truth;
 use strandflow_geometry::icp::Similarity;
-use strandflow_io::{Carrier, Space, Target, VdbOptions, read_groom, read_obj, read_vdb};
+use strandflow_io::{Carrier, Space, Target, VdbOptions, read_obj, read_vdb};
 use strandflow_stages::animate::{Alignment, AnimateSettings, Timeline};
 
 use crate::{
+    animate_groom::{groom, is},
     animate_score::{Reference, compare, field_of_truth},
     args::AnimateArgs,
     failure::Failed,
@@ -28,8 +29,9 @@ pub fn animate(args: &AnimateArgs) -> Result<(), Failed> {
         Failed::input(error.to_string(), "give the gt/ folder of the capture that the take was made from")
     })?;
     let timeline = timeline(args, &performance)?;
-    let groom = groom(args, &performance, truth.as_ref(), timeline.first)?;
     let own = is(&args.groom, "captured") || is(&args.groom, "truth");
+    let alignment = alignment(args, own)?;
+    let groom = groom(args, &performance, truth.as_ref(), timeline.first, alignment == Alignment::Find)?;
     let name = args
         .name
         .clone()
@@ -47,7 +49,7 @@ pub fn animate(args: &AnimateArgs) -> Result<(), Failed> {
     let plan = AnimationPlan {
         name: &name,
         groom: &groom,
-        alignment: alignment(args, own)?,
+        alignment,
         fitted_springs: args.fitted_springs,
         timeline,
         field,
@@ -123,10 +125,6 @@ fn obstacle(file: &Path, performance: &Performance) -> Result<TriMesh, Failed> {
 /// Sizes of a body, or a part of one \[mm\].
 const MESH_MM: (f64, f64) = (60.0, 4000.0);
 
-fn is(path: &Path, word: &str) -> bool {
-    path == Path::new(word)
-}
-
 fn timeline(args: &AnimateArgs, performance: &Performance) -> Result<Timeline, Failed> {
     let frames = args.frames.unwrap_or(performance.frames());
     if frames.is_empty() || !(args.speed > 0.0 && args.speed <= 10.0) {
@@ -150,41 +148,6 @@ fn settings(args: &AnimateArgs) -> AnimateSettings {
         seed: args.seed,
         ..default
     }
-}
-
-/// The strands to animate, in millimetres of their own space.
-fn groom(
-    args: &AnimateArgs,
-    performance: &Performance,
-    truth: Option<&Truth>,
-    first: usize,
-) -> Result<Vec<Vec<DVec3>>, Failed> {
-    if is(&args.groom, "captured") {
-        return Ok(performance.strands("blend", first)?);
-    }
-    if is(&args.groom, "truth") {
-        let lacking = || Failed::input("--groom truth", format!("give --truth DIR, with frame {first}"));
-        let truth = truth.ok_or_else(lacking)?;
-        let t = truth.at(first as u32).ok_or_else(lacking)?;
-        let strand = |n: usize| truth.strand(t, n).iter().map(|p| p.as_dvec3()).collect();
-        return Ok((0..truth.strand_count()).map(strand).collect());
-    }
-    let scale = args.scale.unwrap_or(1.0);
-    if !(scale.is_finite() && scale > 0.0) {
-        return Err(Failed::input(format!("--scale {scale}"), "give the millimetres of a unit: 10 for centimetres"));
-    }
-    of_file(&args.groom, scale)
-}
-
-/// Strands of a file times `scale`: millimetres if the file states its unit and `scale` is 1, or `scale` is that of its unit.
-fn of_file(file: &Path, scale: f64) -> Result<Vec<Vec<DVec3>>, Failed> {
-    if !file.is_file() {
-        let error = format!("{}: there is no such file", file.display());
-        return Err(Failed::input(error, "give one file of strands (.hair, .data, .npz, .ply, .abc, .usda or .usdc)"));
-    }
-    let groom = read_groom(file)?;
-    let strand = |points: &Vec<Vec3>| points.iter().map(|p| p.as_dvec3() * scale).collect();
-    Ok(groom.strands.iter().map(strand).collect())
 }
 
 fn alignment(args: &AnimateArgs, own: bool) -> Result<Alignment, Failed> {
@@ -258,31 +221,4 @@ fn words(name: &str, s: &AnimationSummary) -> String {
         text += &format!("  {}: {}; {}\n", finding.place, finding.fact, finding.consequence);
     }
     text
-}
-
-#[cfg(test)]
-mod tests {
-    use strandflow_core::{Provenance, StrandSequence};
-    use strandflow_io::{Carrier, SceneOptions, Target, write_alembic, write_usd};
-
-    use super::*;
-
-    #[test]
-    fn grooms_arrive_in_millimetres_times_the_scale() {
-        let mut sequence = StrandSequence::missing(vec![0], vec![2], 2);
-        sequence.points = vec![Vec3::ZERO, Vec3::new(0.0, 0.0, 20.0)];
-        sequence.provenance = vec![Provenance::Observed; 2];
-        let dir = tempfile::tempdir().unwrap();
-        let (usd, abc) = (dir.path().join("a.usdc"), dir.path().join("a.abc"));
-        let options = |carrier| SceneOptions { space: Target::Unreal.space(carrier), ..SceneOptions::default() };
-        write_usd(&usd, &sequence, &options(Carrier::Usd)).unwrap();
-        write_alembic(&abc, &sequence, None, &options(Carrier::Alembic)).unwrap();
-        // Both hold centimetres; only USD says so.
-        for (file, scale, expected) in [(&usd, 1.0, 20.0), (&usd, 2.0, 40.0), (&abc, 1.0, 2.0), (&abc, 10.0, 20.0)] {
-            let strands = of_file(file, scale).unwrap();
-            assert!((strands[0][1].z - expected).abs() < 1e-4, "{} {scale}: {strands:?}", file.display());
-        }
-        let told = of_file(dir.path(), 1.0).unwrap_err();
-        assert!(told.input && told.error.contains("no such file") && told.hint.contains(".abc"));
-    }
 }

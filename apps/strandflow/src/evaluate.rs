@@ -33,8 +33,9 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<(), Failed> {
 fn measure(args: &EvaluateArgs, take: &Take) -> Result<Scores, Failed> {
     let plan = take.last_plan()?;
     let stage = args.stage.as_deref().map(stage_index).transpose()?;
-    let given =
-        args.strands.as_deref().map(|file| Ok::<_, Failed>((name_of(file), foreign::read(file)?))).transpose()?;
+    let mut note = |line: &str| eprintln!("note: {line}");
+    let mut read = |file| Ok::<_, Failed>((name_of(file), foreign::read(file, take.gravity(), &mut note)?));
+    let given = args.strands.as_deref().map(&mut read).transpose()?;
     if given.is_none() {
         tell_of_outdated(take, &plan, stage.unwrap_or(STAGES.len() - 1))?;
     }

@@ -96,8 +96,17 @@ fn carrier(format: Format) -> Option<Carrier> {
     }
 }
 
+/// Whether cards go into one animated mesh rather than a folder.
+fn is_usd(out: &Path) -> bool {
+    out.extension().is_some_and(|ending| ["usd", "usda", "usdc"].iter().any(|usd| ending.eq_ignore_ascii_case(usd)))
+}
+
 fn space(args: &ExportArgs) -> Space {
-    let target = args.target.zip(carrier(args.to));
+    let carrier = match args.to {
+        Format::Cards if is_usd(&args.out) => Some(Carrier::Usd),
+        format => carrier(format),
+    };
+    let target = args.target.zip(carrier);
     target.map_or_else(Space::default, |(target, carrier)| strandflow_io::Target::from(target).space(carrier))
 }
 
@@ -143,6 +152,10 @@ fn write(scene: &Scene, strands: &dyn StrandFrames, guides: Option<&Guides>, arg
         }
         (Format::Cards, Some(guides)) => {
             let cards = Cards::new(out, strands, guides, &options)?;
+            if is_usd(out) {
+                make_folder(out.parent())?;
+                return Ok(cards.write_usd(out)?);
+            }
             one_a_frame(cards.frames(), out, "obj", |path, t| Ok(cards.write_obj(path, t)?))?;
         }
         (Format::Ply, _) => strands_a_frame(strands, out, "ply", write_ply)?,

@@ -1,7 +1,9 @@
 //! How a subcommand ends badly.
 
+use std::path::Path;
+
 use strandflow_engine::EngineError;
-use strandflow_io::IoError;
+use strandflow_io::{FolderError, IoError};
 
 /// What is printed, and whether the user's input is to blame (exit code 2) or not (1).
 #[derive(Debug)]
@@ -31,6 +33,13 @@ impl From<IoError> for Failed {
     fn from(error: IoError) -> Self {
         let input = !matches!(error, IoError::System { .. });
         Self { error: error.to_string(), hint: error.hint(), input }
+    }
+}
+
+impl FolderError for Failed {
+    fn moved(mut self, from: &Path, to: &Path) -> Self {
+        self.error = self.error.replace(&*from.to_string_lossy(), &to.to_string_lossy());
+        self
     }
 }
 

@@ -3,6 +3,7 @@
 //! stdout is data, stderr is talk. Exit codes: 0 done, 1 failed, 2 bad usage or bad input.
 
 mod animate;
+mod animate_groom;
 mod animate_score;
 mod args;
 mod bench;

@@ -37,7 +37,8 @@ pub fn render(args: &RenderArgs) -> Result<(), Failed> {
     let take = Take::open(&args.take)?;
     let behind = background(args, &take)?;
     if let Some(file) = &args.strands {
-        return sequence(args, &take, &foreign::read(file)?, HeadOf::new(&take), &behind, &settings);
+        let strands = foreign::read(file, take.gravity(), &mut |line| eprintln!("note: {line}"))?;
+        return sequence(args, &take, &strands, HeadOf::new(&take), &behind, &settings);
     }
     if let Some(name) = &args.animation {
         let strands = AnimationStrands::open(take.store(), name)?;

@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use strandflow_core::{Plane, RgbImage};
-use strandflow_io::{IoError, VIDEO_EXTENSIONS, VideoWriter, image_file::is_image, write_rgb_png, write_rgba_png};
+use strandflow_io::{
+    FolderError, IoError, VIDEO_EXTENSIONS, VideoWriter, image_file::is_image, write_rgb_png, write_rgba_png,
+};
 
 use crate::failure::Failed;
 
@@ -109,10 +111,10 @@ impl Output {
     pub fn push(&mut self, picture: &Finished) -> Result<(), Failed> {
         match (self, picture) {
             (Self::Still(path), picture) => write_png(path, picture),
-            (Self::Folder(now, _, count), picture) => {
-                let path = now.join(format!("{count:06}.png"));
+            (Self::Folder(now, path, count), picture) => {
+                let file = now.join(format!("{count:06}.png"));
                 *count += 1;
-                write_png(&path, picture)
+                write_png(&file, picture).map_err(|failed| failed.moved(now, path))
             }
             (Self::Video(video), Finished::Opaque(image)) => Ok(video.push(image)?),
             (Self::Video(_), Finished::CutOut(_)) => {
@@ -131,7 +133,10 @@ impl Output {
             Self::Folder(now, path, _) => {
                 // An empty folder of that name is replaced.
                 let _ = std::fs::remove_dir(&path);
-                Ok(std::fs::rename(&now, &path)?)
+                std::fs::rename(&now, &path).map_err(|error| {
+                    let _ = std::fs::remove_dir_all(&now);
+                    Failed::input(format!("{}: {error}", path.display()), "give a path that you may write to")
+                })
             }
             Self::Video(video) => Ok(video.finish()?),
         }

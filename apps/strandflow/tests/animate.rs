@@ -9,7 +9,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use common::{stderr, strandflow, text};
+use common::{assert_not_written, on_full_disk, stderr, strandflow, text};
 use glam::{DMat3, DVec3, Vec3};
 use strandflow_core::{FrameRange, Grid, Provenance, RigidTransform, StrandSequence};
 use strandflow_engine::{
@@ -17,7 +17,7 @@ use strandflow_engine::{
     store::{Record, Store, Writer},
 };
 use strandflow_geometry::primitives::icosphere;
-use strandflow_io::{Interchange, VdbOptions, write_usc_data, write_velocity_vdb};
+use strandflow_io::{Interchange, SceneOptions, VdbOptions, write_usc_data, write_usd, write_velocity_vdb};
 
 const FRAMES: usize = 7;
 const MIDDLE: DVec3 = DVec3::new(20.0, 10.0, 1200.0);
@@ -187,6 +187,94 @@ fn a_resumed_animation_has_the_same_bytes_and_can_be_exported() {
     }
     let run = strandflow(&["export", text(&take), "--animation", "bop", "--to", "npz", "x.npz"]);
     refused(&run, &["bop", "there are: bob, part, vdb"]);
+}
+
+/// Names of the files in a folder.
+fn names(folder: &Path) -> Vec<String> {
+    std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+}
+
+#[cfg(unix)]
+#[test]
+fn a_full_disk_is_told_and_what_is_finished_is_kept() {
+    let root = tempfile::tempdir().unwrap();
+    let take = take(root.path());
+    let file = root.path().join("bob.data");
+    groom(&file, 1.0, 20, false);
+    assert!(animate(&take, &file, &[]).status.success());
+    assert!(animate(&take, &file, &["--name", "part", "--length", "3"]).status.success());
+    // Of a frame's 21.6 KB of points not even the packed bytes find room.
+    let full = on_full_disk(8, &["animate", text(&take), "--groom", text(&file), "--name", "part"]);
+    assert_not_written(&full, &take.join("results.zarr/animate/part"));
+    let rest = animate(&take, &file, &["--name", "part"]);
+    assert!(stderr(&rest).contains("4 frames made, 3 found"), "{}", stderr(&rest));
+    assert_eq!(bytes_of(&take, "bob"), bytes_of(&take, "part"));
+
+    let out = root.path().join("out");
+    std::fs::create_dir(&out).unwrap();
+    for (format, name) in [
+        ("npz", "a.npz"),
+        ("usd", "a.usda"),
+        ("usd", "a.usdc"),
+        ("abc", "a.abc"),
+        ("cards", "cards.usdc"),
+        ("cards", "cards"),
+        ("ply", "ply"),
+        ("hair", "hair"),
+        ("data", "data"),
+    ] {
+        let export = |to: &Path| {
+            let guides: &[&str] = if format == "cards" { &["--guides", "9"] } else { &[] };
+            let args = ["export", text(&take), "--animation", "bob", "--to", format, text(to)];
+            on_full_disk(2, &[&args, guides].concat())
+        };
+        assert_not_written(&export(&out.join(name)), &out.join(name));
+        assert_eq!(names(&out), [""; 0], "{format}");
+        // Where nobody may write, not even root: below a file, and in a folder that is none of the disk's.
+        for place in [file.join(name), Path::new("/proc").join(name)] {
+            let run = export(&place);
+            let said = stderr(&run);
+            assert!(!run.status.success() && said.contains("hint: "), "{said}");
+            assert!(said.contains(text(place.parent().unwrap())), "{said}");
+            assert!(!said.contains(&format!(".{name}.tmp")), "{said}");
+        }
+    }
+}
+
+/// A groom in a file that states Y up and metres: it needs neither --scale nor --transform; with a misstated unit the factor is
+/// named.
+#[test]
+fn what_a_file_states_is_believed_first() {
+    let root = tempfile::tempdir().unwrap();
+    let take = take(root.path());
+    let (data, usd) = (root.path().join("bob.data"), root.path().join("bob.usda"));
+    groom(&data, 1.0, 20, false);
+    let mut strands = StrandSequence::missing(vec![0], vec![20; 90], 20);
+    for (n, strand) in strandflow_io::read_groom(&data).unwrap().strands.iter().enumerate() {
+        for (at, p) in strands.range(0, n).zip(strand) {
+            strands.points[at] = *p;
+            strands.provenance[at] = Provenance::Observed;
+        }
+    }
+    let space = strandflow_io::Target::Houdini.space(strandflow_io::Carrier::Usd);
+    let options = SceneOptions { gravity: Some(DVec3::NEG_Z), space, ..SceneOptions::default() };
+    write_usd(&usd, &strands, &options).unwrap();
+    for (file, name) in [(&data, "data"), (&usd, "usd")] {
+        let run = animate(&take, file, &["--name", name, "--length", "2"]);
+        assert!(run.status.success(), "{}", stderr(&run));
+    }
+    // The groom is nearly round from above, so that only the way up is told by its shape.
+    let store = Store::open(&take.join("results.zarr")).unwrap();
+    let tips = |name: &str| -> f32 {
+        let points = store.read_all::<f32>(&format!("animate/{name}/points")).unwrap();
+        points[..90 * 20 * 3].chunks(60).map(|strand| strand[59] / 90.0).sum()
+    };
+    assert!((tips("data") - tips("usd")).abs() < 3.0, "{} {}", tips("data"), tips("usd"));
+    let text_of = std::fs::read_to_string(&usd).unwrap();
+    std::fs::write(&usd, text_of.replace("metersPerUnit = 1\n", "metersPerUnit = 100\n")).unwrap();
+    refused(&animate(&take, &usd, &[]), &["bob.usda", "--scale 0.01"]);
+    std::fs::write(&usd, text_of.replace("metersPerUnit = 1\n", "metersPerUnit = 0\n")).unwrap();
+    refused(&animate(&take, &usd, &[]), &["bob.usda", "metersPerUnit"]);
 }
 
 #[test]

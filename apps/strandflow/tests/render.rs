@@ -8,7 +8,7 @@ use std::{
     process::Command,
 };
 
-use common::{assert_bad_input, stderr, strandflow, take, text};
+use common::{assert_bad_input, assert_not_written, on_full_disk, stderr, strandflow, take, text};
 use glam::Vec3;
 use strandflow_core::{Provenance, StrandSequence};
 use strandflow_io::{Interchange, read_rgb, write_hair};
@@ -113,4 +113,28 @@ fn bad_input_says_what_and_leaves_nothing() {
     assert_bad_input(&render(&take, &hair, &["--background", "none"], &root.path().join("a.mp4")), &["transparency"]);
     assert_bad_input(&strandflow(&["render", text(&take), text(&out)]), &["not done"]);
     assert_bad_input(&render(&take, &root.path().join("bald.npz"), &[], &out), &["no such file"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_full_disk_is_told_and_leaves_nothing() {
+    let root = tempfile::tempdir().unwrap();
+    let (take, hair) = scene(root.path());
+    let out = root.path().join("out");
+    std::fs::create_dir(&out).unwrap();
+    let mut outputs = vec!["a.png", "folder"];
+    if strandflow_io::source::probe::ffmpeg_is_installed() {
+        outputs.push("a.mp4");
+    } else {
+        eprintln!("skipped: no ffmpeg");
+    }
+    for name in outputs {
+        let to = out.join(name);
+        let args = ["render", text(&take), "--strands", text(&hair), "--density", "2", text(&to)];
+        assert_not_written(&on_full_disk(1, &args), &to);
+        assert_eq!(std::fs::read_dir(&out).unwrap().count(), 0, "{name}");
+        let below_a_file = hair.join("000000.hair").join(name);
+        let run = strandflow(&["render", text(&take), "--strands", text(&hair), text(&below_a_file)]);
+        assert_bad_input(&run, &["000000.hair"]);
+    }
 }

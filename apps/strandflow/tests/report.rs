@@ -5,7 +5,7 @@ mod common;
 
 use std::path::Path;
 
-use common::{assert_bad_input, bytes_below, stderr, strandflow, synthetic, take, text};
+use common::{assert_bad_input, browser, bytes_below, stderr, strandflow, synthetic, take, text};
 
 /// The page of a take, written to `out`.
 fn page(take: &Path, out: &Path, more: &[&str]) -> String {
@@ -65,6 +65,8 @@ fn a_finished_take_then_without_its_footage() {
     }
     assert!(whole.len() < 5_000_000);
 
+    browser::assert_shown_well(&one);
+
     // By default into the take; then pictures of footage are gone, the rest stays.
     assert!(strandflow(&["report", text(&take)]).status.success() && take.join("report.html").is_file());
     std::fs::rename(capture.join("images"), capture.join("elsewhere")).unwrap();
@@ -87,6 +89,7 @@ fn an_unfinished_take_is_told_not_failed() {
         "{begun:.3000}"
     );
     assert!(begun.contains("not begun"));
+    browser::assert_shown_well(&out);
 }
 
 #[test]

@@ -1,10 +1,10 @@
-//! Hair cards: a ribbon along each guide, as wide as the strands it stands for, in one OBJ a frame.
+//! Hair cards: a ribbon along each guide, as wide as the strands it stands for, in one OBJ a frame or one animated USD mesh.
 //!
 //! A card has two vertices a point of its guide; u runs from 0 to 1 across it and v from 0 at the root to 1 at the tip by
 //! length. Its width is that of a flat tuft with the strands' spread. Normals point away from the head, whose centre is that
 //! of the sphere through the roots of the frame; faces are quads, anticlockwise seen from outside.
 //!
-//! The file states neither unit nor axes; they are those of the options' [`Space`](crate::Space).
+//! OBJ states neither unit nor axes; they are those of the options' [`Space`](crate::Space).
 
 use std::{io::Write, path::Path};
 
@@ -16,6 +16,7 @@ use crate::{
     root_uv::sphere_centre,
     scene::{Scene, SceneOptions},
     strands::StrandFrames,
+    usd::{CardMesh, CardSample, write_cards},
     whole_file::write_whole,
 };
 
@@ -59,6 +60,29 @@ impl<'a> Cards<'a> {
         let cards = self.of_frame(t)?;
         let unit = self.scene.options.space.unit_name();
         write_whole(path, |out| Ok(write_to(out, &cards, &self.guides.strands, &unit)?))
+    }
+
+    /// Writes the cards of all frames as one animated USD mesh; the ending of the file decides the form. Memory: a few frames.
+    ///
+    /// # Errors
+    /// The ending is none of USD's, a frame cannot be read, or the file cannot be written; the file is then as it was before.
+    pub fn write_usd(&self, path: &Path) -> Result<(), IoError> {
+        let first = self.of_frame(0)?;
+        // The guides of cards that were made, in their order.
+        let drawn = self.guides.strands.iter().filter(|strand| self.scene.curves.strands.binary_search(strand).is_ok());
+        let mesh = CardMesh {
+            head: &self.scene,
+            rows: first.iter().map(|card| card.points.len()).collect(),
+            strands: drawn.map(|&strand| strand as i32).collect(),
+            uvs: first.iter().flat_map(|card| card.uvs.iter().flatten().copied()).collect(),
+        };
+        write_cards(path, &mesh, |t| {
+            let cards = self.of_frame(t)?;
+            Ok(CardSample {
+                points: cards.iter().flat_map(|card| card.points.iter().flatten().copied()).collect(),
+                normals: cards.iter().flat_map(|card| card.normals.iter().flat_map(|n| [*n, *n])).collect(),
+            })
+        })
     }
 
     fn of_frame(&self, t: usize) -> Result<Vec<Card>, IoError> {
@@ -216,5 +240,51 @@ mod tests {
         let largest = text.lines().filter_map(|line| line.strip_prefix("f ")).flat_map(|f| f.split([' ', '/']));
         assert_eq!(largest.map(|n| n.parse::<usize>().unwrap()).max(), Some(192));
         assert!(cards.write_obj(&dir.path().join("none/a.obj"), 0).is_err());
+    }
+
+    const SCRIPT: &str = r#"
+import sys
+from pxr import Usd, UsdGeom
+stage = Usd.Stage.Open(sys.argv[1])
+mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/hair/cards"))
+points, normals = mesh.GetPointsAttr(), mesh.GetNormalsAttr()
+counts, corners = mesh.GetFaceVertexCountsAttr().Get(), mesh.GetFaceVertexIndicesAttr().Get()
+print("stage", UsdGeom.GetStageMetersPerUnit(stage), UsdGeom.GetStageUpAxis(stage), stage.GetStartTimeCode(), stage.GetEndTimeCode())
+print("faces", len(counts), set(counts), min(corners), max(corners), list(corners[:8]), mesh.GetSubdivisionSchemeAttr().Get(),
+      mesh.GetDoubleSidedAttr().Get())
+print("valid", UsdGeom.Mesh.ValidateTopology(corners, counts, len(points.Get(0)))[0])
+print("samples", points.GetTimeSamples(), [len(points.Get(t)) for t in points.GetTimeSamples()], len(normals.Get(1)),
+      mesh.GetNormalsInterpolation())
+api = UsdGeom.PrimvarsAPI(mesh.GetPrim())
+st, strand = api.GetPrimvar("st"), api.GetPrimvar("strand")
+print("st", st.GetInterpolation(), st.GetTypeName(), len(st.Get()), [tuple(uv) for uv in st.Get()[:2]], tuple(st.Get()[11]),
+      len(st.GetAttr().GetTimeSamples()))
+print("strand", strand.GetInterpolation(), len(strand.Get()), len(set(strand.Get())))
+print("extent", all(a <= b for a, b in zip(*mesh.GetExtentAttr().Get(1))))
+"#;
+
+    const EXPECTED: &str = "stage 0.01 Z 0.0 1.0
+faces 80 {4} 0 191 [0, 1, 3, 2, 2, 3, 5, 4] none True
+valid True
+samples [0.0, 1.0] [192, 192] 192 vertex
+st vertex texCoord2f[] 192 [(0.0, 0.0), (1.0, 0.0)] (1.0, 1.0) 0
+strand uniform 80 16
+extent True";
+
+    #[test]
+    fn the_reference_library_reads_cards_as_one_animated_mesh() {
+        let dir = tempfile::tempdir().unwrap();
+        let sequence = head();
+        let guides = Guides::of(&sequence, 16).unwrap();
+        let space = crate::Target::Unreal.space(crate::Carrier::Usd);
+        let options = SceneOptions { space, ..SceneOptions::default() };
+        let cards = Cards::new(Path::new("a"), &sequence, &guides, &options).unwrap();
+        for name in ["a.usda", "a.usdc", "a.usd"] {
+            let path = dir.path().join(name);
+            cards.write_usd(&path).unwrap();
+            let Some(said) = crate::strands::ask_python(SCRIPT, &path) else { return };
+            assert_eq!(said.trim(), EXPECTED, "{name}");
+        }
+        assert!(cards.write_usd(&dir.path().join("a.obj")).unwrap_err().to_string().contains("is no USD file name"));
     }
 }

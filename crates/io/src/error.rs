@@ -2,6 +2,7 @@
 
 use std::{
     fmt,
+    io::ErrorKind,
     path::{Path, PathBuf},
 };
 
@@ -90,10 +91,14 @@ impl IoError {
     /// What to do about it.
     pub fn hint(&self) -> String {
         match self {
-            Self::System { cause, .. } => match cause.kind() {
-                std::io::ErrorKind::NotFound => "check the path in the take's manifest".into(),
-                std::io::ErrorKind::PermissionDenied => "give yourself the right to this file".into(),
-                std::io::ErrorKind::StorageFull => "free some disk space and run again".into(),
+            Self::System { action, cause, .. } => match (cause.kind(), *action) {
+                (ErrorKind::StorageFull | ErrorKind::QuotaExceeded, _) => "free some disk space and run again".into(),
+                (ErrorKind::FileTooLarge, _) => {
+                    "the file system or a limit (`ulimit -f`) allows no larger file: write elsewhere, or less".into()
+                }
+                (_, "write") => "give a path that you may write to, on a disk that is not full".into(),
+                (ErrorKind::NotFound, _) => "check the path in the take's manifest".into(),
+                (ErrorKind::PermissionDenied, _) => "give yourself the right to this file".into(),
                 _ => "check the disk and run again".into(),
             },
             Self::Content { hint, .. } => hint.clone(),
@@ -108,6 +113,15 @@ impl IoError {
     pub fn in_view(mut self, view: &str) -> Self {
         if let Self::Content { at, .. } = &mut self {
             at.view.get_or_insert_with(|| view.to_owned());
+        }
+        self
+    }
+
+    /// The same error of a file that was made below the folder `from` and should have been below `to`.
+    pub fn moved(mut self, from: &Path, to: &Path) -> Self {
+        let (Self::System { file, .. } | Self::Content { file, .. } | Self::Program { file, .. }) = &mut self;
+        if let Ok(below) = file.strip_prefix(from) {
+            *file = to.join(below);
         }
         self
     }

@@ -49,4 +49,4 @@ pub use strands::{
 pub use usd::write_usd;
 pub use vdb::{VdbOptions, VectorGrid, read_vdb, write_velocity_vdb};
 pub use video_out::{VIDEO_EXTENSIONS, VideoWriter};
-pub use whole_file::{write_bytes, write_folder};
+pub use whole_file::{FolderError, write_bytes, write_folder};

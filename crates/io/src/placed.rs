@@ -20,6 +20,11 @@ impl<'a, R: Read + Seek> Placed<'a, R> {
         Ok(Self { source, len, left: len.saturating_mul(PASSES) })
     }
 
+    /// Bytes of the file.
+    pub fn len(&self) -> u64 {
+        self.len
+    }
+
     /// `count` bytes from `at` on.
     pub fn bytes(&mut self, at: u64, count: u64) -> Result<Vec<u8>, String> {
         if at.checked_add(count).is_none_or(|end| end > self.len) {

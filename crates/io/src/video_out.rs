@@ -92,22 +92,41 @@ impl VideoWriter {
     pub fn finish(mut self) -> Result<(), IoError> {
         drop(self.frames.take());
         match self.child.wait() {
-            Ok(status) if status.success() => {}
+            // ffmpeg 5 calls it a success where the disk is full at the end; its words tell.
+            Ok(status) if status.success() => {
+                let said = self.said();
+                if ["Error writing", "Error closing"].iter().any(|words| said.contains(words)) {
+                    return Err(self.refusal(&said, "ends too early"));
+                }
+            }
             Ok(status) => return Err(self.refused(&status.to_string())),
             Err(cause) => return Err(self.refused(&cause.to_string())),
         }
         std::fs::rename(&self.temporary, &self.path).map_err(IoError::writing(&self.path))
     }
 
-    /// What ffmpeg said.
     fn refused(&mut self, otherwise: &str) -> IoError {
+        let said = self.said();
+        self.refusal(&said, otherwise)
+    }
+
+    /// What ffmpeg said; it gets no more frames.
+    fn said(&mut self) -> String {
         drop(self.frames.take());
         let mut said = String::new();
         if let Some(mut stderr) = self.child.stderr.take() {
             let _ = stderr.read_to_string(&mut said);
         }
+        said
+    }
+
+    fn refusal(&self, said: &str, otherwise: &str) -> IoError {
         let fact = said.lines().map(str::trim).rfind(|line| !line.is_empty()).unwrap_or(otherwise);
-        let hint = "write PNGs instead (a folder), or install an ffmpeg with the codecs libx264 and libvpx-vp9";
+        let hint = match ["No space left", "File too large", "quota"].iter().any(|words| said.contains(words)) {
+            true => "free some disk space, or write elsewhere",
+            false => "write PNGs instead (a folder), or install an ffmpeg with the codecs libx264 and libvpx-vp9",
+        };
+        let fact = fact.replace(&*self.temporary.to_string_lossy(), &self.path.to_string_lossy());
         IoError::content(&self.path, At::FILE, format!("ffmpeg cannot write it: {fact}"), hint)
     }
 }

@@ -34,6 +34,10 @@ pub(crate) fn write_whole(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> Result<(), Unfinished>,
 ) -> Result<(), IoError> {
+    // A rename puts a file in the place of a device or a pipe, for every program.
+    if std::fs::metadata(path).is_ok_and(|there| !there.is_file()) {
+        return Err(IoError::content(path, At::FILE, "is there and no file", "give the name of a new file"));
+    }
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     // The name is fixed, so that what a killed program leaves is taken up by the one that writes the file again.
     let temporary = path.with_file_name(format!(".{name}.tmp"));
@@ -53,12 +57,24 @@ pub(crate) fn write_whole(
     })
 }
 
+/// Why a folder of files could not be written; names files as they should have been, not where they were made.
+pub trait FolderError: From<IoError> {
+    /// The same error with places below `from` named as below `to`.
+    fn moved(self, from: &Path, to: &Path) -> Self;
+}
+
+impl FolderError for IoError {
+    fn moved(self, from: &Path, to: &Path) -> Self {
+        self.moved(from, to)
+    }
+}
+
 /// Makes a folder of files by a function that writes them into the folder it is given. All files appear under `folder` or
 /// none does: they are made beside it and moved in at the end, over files of the same name.
 ///
 /// # Errors
-/// The function's own, or the folder cannot be written.
-pub fn write_folder<E: From<IoError>>(folder: &Path, write: impl FnOnce(&Path) -> Result<(), E>) -> Result<(), E> {
+/// The function's own, naming the files under `folder`; or the folder cannot be written.
+pub fn write_folder<E: FolderError>(folder: &Path, write: impl FnOnce(&Path) -> Result<(), E>) -> Result<(), E> {
     let name = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let temporary = folder.with_file_name(format!(".{name}.tmp"));
     let make = || {
@@ -72,7 +88,7 @@ pub fn write_folder<E: From<IoError>>(folder: &Path, write: impl FnOnce(&Path) -
         return Err(IoError::content(folder, At::FILE, "is a file, not a folder", "give the name of a folder").into());
     }
     let done = make().map_err(|cause| IoError::writing(folder)(cause).into()).and_then(|()| {
-        write(&temporary)?;
+        write(&temporary).map_err(|error| error.moved(&temporary, folder))?;
         move_into(&temporary, folder).map_err(|cause| IoError::writing(folder)(cause).into())
     });
     if done.is_err() {
@@ -114,7 +130,8 @@ mod tests {
             write_bytes(&to.join("0"), b"new")?;
             write_bytes(&to.join("1/none"), b"new")
         });
-        assert!(failed.is_err());
+        let named = folder.join("1/none");
+        assert!(failed.unwrap_err().to_string().starts_with(named.to_str().unwrap()), "the file as the user knows it");
         assert_eq!(std::fs::read(folder.join("0")).unwrap(), b"old");
         assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
@@ -123,6 +140,15 @@ mod tests {
         assert!(told.to_string().contains("not a folder"), "{told}");
         write_folder::<IoError>(&folder, |to| write_bytes(&to.join("1"), b"new")).unwrap();
         assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 2);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_device_is_not_replaced() {
+        let told = write_bytes(Path::new("/dev/full"), b"new").unwrap_err();
+        assert!(told.to_string().contains("/dev/full: is there and no file"), "{told}");
+        let folder = tempfile::tempdir().unwrap();
+        assert!(write_bytes(folder.path(), b"new").unwrap_err().to_string().contains("no file"));
     }
 
     #[test]

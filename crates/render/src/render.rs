@@ -12,7 +12,7 @@ use crate::{
     groom::{Grown, Growth},
     light::LightRig,
     picture::Picture,
-    raster::{TILE, Tile, reach},
+    raster::{Span, TILE, Tile, rectangle},
     scattering::Scattering,
     shadow::{Shadow, Surface},
     skin::{SkinVertex, in_world, skin},
@@ -182,14 +182,7 @@ fn draw(drawn: &Drawn, [width, height]: [usize; 2]) -> Picture {
         .map(|t| {
             let mut tile = Tile::new([t % grid[0] * TILE, t / grid[0] * TILE]);
             tile.skin(drawn.faces, &faces[t], drawn.skin);
-            for &(_, piece) in &drawn.nearest_first(&pieces, t) {
-                if tile.is_closed() {
-                    break;
-                }
-                let i = piece as usize;
-                let light = || [drawn.threads.colour(i), drawn.threads.colour(i + 1)];
-                tile.piece(&drawn.threads.vertices[i], &drawn.threads.vertices[i + 1], light);
-            }
+            drawn.hair(&mut tile, pieces.iter().flat_map(|part| &part[t]).copied().collect());
             let pixel = if drawn.draw_skin { Tile::pixel } else { Tile::hair_of_pixel };
             (0..TILE * TILE).map(|i| pixel(&tile, i % TILE, i / TILE)).collect()
         })
@@ -198,9 +191,54 @@ fn draw(drawn: &Drawn, [width, height]: [usize; 2]) -> Picture {
     Picture { linear }
 }
 
+/// A piece of a hair in a tile.
+#[derive(Clone, Copy)]
+struct Piece {
+    /// Its depth and then its first point, so that of equally far ones the first is nearer. Depths are positive: their
+    /// bits are in the order of the numbers.
+    order: u64,
+    /// What it may touch.
+    span: Span,
+}
+
+impl Piece {
+    fn new(point: usize, depth: f32, span: Span) -> Self {
+        Self { order: u64::from(depth.to_bits()) << 32 | point as u64, span }
+    }
+
+    fn point(&self) -> usize {
+        self.order as u32 as usize
+    }
+}
+
 impl Drawn<'_> {
-    /// For parts of the hair, for each tile, the first points of the pieces that may touch it.
-    fn pieces_of_tiles(&self, grid: [usize; 2]) -> Vec<Vec<Vec<u32>>> {
+    /// Lays pieces over a tile from the nearest to the farthest. Most are behind hair that hides them: they are neither
+    /// sorted nor looked at.
+    fn hair(&self, tile: &mut Tile, mut pieces: Vec<Piece>) {
+        /// Pieces that are sorted at a time: four a pixel.
+        const AT_A_TIME: usize = 4 * TILE * TILE;
+        let mut rest = pieces.as_mut_slice();
+        while !rest.is_empty() {
+            let count = rest.len().min(AT_A_TIME);
+            if count < rest.len() {
+                rest.select_nth_unstable_by_key(count, |piece| piece.order);
+            }
+            let (near, far) = rest.split_at_mut(count);
+            near.sort_unstable_by_key(|piece| piece.order);
+            for piece in near {
+                if tile.is_open(piece.span) {
+                    let i = piece.point();
+                    let light = || [self.threads.colour(i), self.threads.colour(i + 1)];
+                    tile.piece(&self.threads.vertices[i], &self.threads.vertices[i + 1], light);
+                }
+            }
+            let open = seen_first(far, |piece| tile.is_open(piece.span));
+            rest = &mut far[..open];
+        }
+    }
+
+    /// For parts of the hair, for each tile, the pieces that may touch it.
+    fn pieces_of_tiles(&self, grid: [usize; 2]) -> Vec<Vec<Vec<Piece>>> {
         /// Strands a part: parts are fixed, so that the order does not depend on threads.
         const PART: usize = 512;
         let strands: Vec<usize> = (0..self.grown.counts.len()).collect();
@@ -212,25 +250,16 @@ impl Drawn<'_> {
                     let (start, end, count) = (self.grown.starts[n], self.grown.starts[n + 1], self.grown.counts[n]);
                     for i in (start..end).filter(|i| (i - start) % count + 1 < count) {
                         let (a, b) = (&self.threads.vertices[i], &self.threads.vertices[i + 1]);
-                        let reach = reach(a, b);
-                        let (low, high) = (a.at.min(b.at) - reach, a.at.max(b.at) + reach);
-                        for_tiles(low, high, grid, |t| tiles[t].push(i as u32));
+                        let rectangle = rectangle(a, b);
+                        for_tiles(rectangle, grid, |t| {
+                            let origin = Vec2::new((t % grid[0] * TILE) as f32, (t / grid[0] * TILE) as f32);
+                            tiles[t].push(Piece::new(i, a.depth + b.depth, Span::new(rectangle, origin)));
+                        });
                     }
                 }
                 tiles
             })
             .collect()
-    }
-
-    /// The pieces of a tile from the nearest to the farthest; of equally far ones the first.
-    fn nearest_first(&self, pieces: &[Vec<Vec<u32>>], tile: usize) -> Vec<(u32, u32)> {
-        let depth =
-            |i: u32| (self.threads.vertices[i as usize].depth + self.threads.vertices[i as usize + 1].depth).to_bits();
-        let mut out: Vec<(u32, u32)> =
-            pieces.iter().flat_map(|part| part[tile].iter().map(|&i| (depth(i), i))).collect();
-        // Depths are positive: their bits are in the order of the numbers.
-        out.sort_unstable();
-        out
     }
 
     fn faces_of_tiles(&self, grid: [usize; 2]) -> Vec<Vec<u32>> {
@@ -240,13 +269,25 @@ impl Drawn<'_> {
             let reach = corners.iter().map(|c| c.motion.length()).fold(1.0, f32::max);
             let low = corners.iter().fold(Vec2::INFINITY, |m, c| m.min(c.at)) - reach;
             let high = corners.iter().fold(Vec2::NEG_INFINITY, |m, c| m.max(c.at)) + reach;
-            for_tiles(low, high, grid, |t| tiles[t].push(f as u32));
+            for_tiles([low, high], grid, |t| tiles[t].push(f as u32));
         }
         tiles
     }
 }
 
-fn for_tiles(low: Vec2, high: Vec2, grid: [usize; 2], mut f: impl FnMut(usize)) {
+/// Puts those of which `seen` is true before the others, in any order; returns how many they are.
+fn seen_first(pieces: &mut [Piece], seen: impl Fn(&Piece) -> bool) -> usize {
+    let mut count = 0;
+    for i in 0..pieces.len() {
+        if seen(&pieces[i]) {
+            pieces.swap(count, i);
+            count += 1;
+        }
+    }
+    count
+}
+
+fn for_tiles([low, high]: [Vec2; 2], grid: [usize; 2], mut f: impl FnMut(usize)) {
     if !(low.is_finite() && high.is_finite()) {
         return;
     }

@@ -79,8 +79,6 @@ impl BlendSettings {
 
 /// Points of a lender that tell which way it leaves the scalp: 40 mm at 5 mm a point.
 const LEAVING: usize = 9;
-/// Least cosine between those ways for lenders to be of one side.
-const ONE_SIDE: f64 = 0.7;
 /// Edges before a lender's end over which it fades.
 const FADING: f64 = 6.0;
 /// Newton iterations on eq. 6; 5–9 suffice, the rest is for folded strands.
@@ -254,7 +252,7 @@ impl Context<'_> {
                 };
                 let lent: Vec<(f64, &[DVec3])> =
                     near.iter().filter_map(|&(m, w, _)| Some((w, blended[m].as_deref()?))).collect();
-                let lent = of_one_side(&lent);
+                let lent = of_one_side(lent);
                 let root = self.input.world_from_head[self.input.at].point(self.input.roots[n]);
                 let points = grown(root, count, &lent, self.input.edge_mm)?;
                 let nearest = near.first().map_or(f64::INFINITY, |(_, _, distance)| *distance);
@@ -286,12 +284,14 @@ fn weighted_median(near: &[(usize, f64, f64)], counts: &[u16]) -> usize {
     0
 }
 
-/// Those of the lenders that leave the scalp the way the nearest does: beside a parting or a whorl the mean of both sides
-/// stands on end.
-fn of_one_side<'a>(lent: &[(f64, &'a [DVec3])]) -> Vec<(f64, &'a [DVec3])> {
+/// Lenders weighted by how far they leave the scalp the way the nearest does: beside a parting or a whorl the mean of both sides
+/// stands on end. The weight goes to zero gently, so that a lender does not come and go between frames.
+fn of_one_side(mut lent: Vec<(f64, &[DVec3])>) -> Vec<(f64, &[DVec3])> {
     let way = |points: &[DVec3]| (points[points.len().min(LEAVING) - 1] - points[0]).normalize_or_zero();
-    let Some(nearest) = lent.first().map(|(_, points)| way(points)) else { return Vec::new() };
-    lent.iter().filter(|(_, points)| way(points).dot(nearest) >= ONE_SIDE).copied().collect()
+    if let Some(nearest) = lent.first().map(|(_, points)| way(points)) {
+        lent.iter_mut().skip(1).for_each(|(weight, points)| *weight *= way(points).dot(nearest).max(0.0).powi(4));
+    }
+    lent
 }
 
 /// A strand from `root` along the weighted mean edges of `lent`, every edge `edge_mm` long; past the end of all lenders it

@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 #![allow(dead_code, reason = "every test file uses a part of it")]
 
+pub mod browser;
 pub mod synthetic;
 
 use std::{
@@ -57,6 +58,23 @@ pub fn capture(folder: &Path) {
 /// A run of the command.
 pub fn strandflow(args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_strandflow")).args(args).output().unwrap()
+}
+
+/// A run of the command that may make no file of more than `blocks` × 512 bytes: as on a disk that is full, writing fails.
+#[cfg(unix)]
+pub fn on_full_disk(blocks: usize, args: &[&str]) -> Output {
+    let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
+    Command::new("sh").args(["-c", &script, env!("CARGO_BIN_EXE_strandflow")]).args(args).output().unwrap()
+}
+
+/// Asserts a failure that names `place` and has a hint about the disk.
+pub fn assert_not_written(output: &Output, place: &Path) {
+    let said = stderr(output);
+    assert!(!output.status.success(), "{said}");
+    let (error, hint) = said.split_once("error: ").and_then(|(_, said)| said.split_once("hint: ")).unwrap();
+    let hidden = format!(".{}.tmp", place.file_name().unwrap().to_string_lossy());
+    assert!(error.contains(text(place)) && !error.contains(&hidden), "{said}");
+    assert!(["disk", "write elsewhere", "write to"].iter().any(|words| hint.contains(words)), "{said}");
 }
 
 /// A take of a fresh capture. Returns (capture, take).

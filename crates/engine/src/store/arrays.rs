@@ -9,8 +9,8 @@ use std::{
 
 use zarrs::{
     array::{
-        Array, ArrayBuilder, ArrayMetadataOptions, ArraySubset, BytesToBytesCodecTraits, CodecOptions, DataType,
-        ElementOwned, FillValue,
+        Array, ArrayBuilder, ArrayError, ArrayMetadataOptions, ArraySubset, BytesToBytesCodecTraits, CodecOptions,
+        DataType, ElementOwned, FillValue,
         codec::{BloscCodec, BloscCompressionLevel, BloscCompressor, BloscShuffleMode},
         data_type,
     },
@@ -226,7 +226,11 @@ impl<'a> Writer<'a> {
     pub fn chunk<T: Element>(&mut self, path: &str, chunk: &[usize], data: &[T]) -> Result<(), EngineError> {
         let array = self.store.array(path)?;
         let at: Vec<u64> = chunk.iter().map(|i| *i as u64).collect();
-        array.store_chunk_opt(&at, data, &options()).map_err(|e| EngineError::store(path, e))?;
+        array.store_chunk_opt(&at, data, &options()).map_err(|error| match error {
+            // A full disk is no fault of the array.
+            ArrayError::StorageError(cause) => EngineError::disk(&self.store.root.join(path), cause),
+            other => EngineError::store(path, other),
+        })?;
         let hasher = self.hashes.entry(path.to_owned()).or_default();
         hasher.update(format!("{chunk:?}{}", data.len()).as_bytes());
         hasher.update(bytemuck::cast_slice(data));

@@ -1,6 +1,6 @@
 //! USD's binary crate format, read: versions 0.7 to 0.13, and of them the parts that strands need.
 //!
-//! See [`super::usdc`] for the layout. A value is a type, flags, and 48 bits: itself, or the place where it lies.
+//! See [`super::crate_file`] for the layout. A value is a type, flags, and 48 bits: itself, or the place where it lies.
 
 use std::{
     collections::BTreeMap,
@@ -21,6 +21,13 @@ const PSEUDO_ROOT: i32 = 7;
 
 /// The token of the specifier `class`.
 const CLASS: u64 = 2;
+
+/// Rows of a table a byte of the file, at most. Packed tables of equal rows shrink to nothing, but the names and values that
+/// rows point to do not.
+const MOST_ROWS_A_BYTE: u64 = 1;
+
+/// Bytes of names that one byte unpacks to, at most: LZ4 makes 255 of one where all is equal, and names are not.
+const MOST_NAMES_A_BYTE: u64 = 32;
 
 /// The tables of a file.
 struct Tables {
@@ -68,12 +75,13 @@ fn tables<R: Read + Seek>(file: &mut Placed<R>) -> Result<Tables, String> {
     let (tokens, fields, sets) = (section("TOKENS")?, section("FIELDS")?, section("FIELDSETS")?);
     let (paths, specs) = (section("PATHS")?, section("SPECS")?);
     let damaged = |name: &'static str| move || format!("is damaged: at its {name}");
-    let tokens = read_tokens(&tokens).ok_or_else(damaged("TOKENS"))?;
+    let most = MOST_ROWS_A_BYTE * file.len();
+    let tokens = read_tokens(&tokens, most).ok_or_else(damaged("TOKENS"))?;
     Ok(Tables {
-        fields: read_fields(&fields).ok_or_else(damaged("FIELDS"))?,
-        field_sets: read_field_sets(&sets).ok_or_else(damaged("FIELDSETS"))?,
-        paths: read_paths(&paths).ok_or_else(damaged("PATHS"))?,
-        specs: read_specs(&specs).ok_or_else(damaged("SPECS"))?,
+        fields: read_fields(&fields, most).ok_or_else(damaged("FIELDS"))?,
+        field_sets: read_field_sets(&sets, most).ok_or_else(damaged("FIELDSETS"))?,
+        paths: read_paths(&paths, most).ok_or_else(damaged("PATHS"))?,
+        specs: read_specs(&specs, most).ok_or_else(damaged("SPECS"))?,
         tokens,
     })
 }
@@ -92,11 +100,20 @@ fn sections<R: Read + Seek>(file: &mut Placed<R>) -> Result<Sections, String> {
     Ok(sections)
 }
 
-fn read_tokens(data: &[u8]) -> Option<Vec<String>> {
+/// The length of a table, if a file can have that many rows.
+fn rows(bytes: &mut Bytes, most: u64) -> Option<u64> {
+    bytes.u64().filter(|count| *count <= most)
+}
+
+fn read_tokens(data: &[u8], most: u64) -> Option<Vec<String>> {
     let mut bytes = Bytes::new(data);
-    let (_count, size, packed) = (bytes.u64()?, bytes.u64()?, bytes.u64()?);
+    let (count, size, packed) = (rows(&mut bytes, most)?, bytes.u64()?, bytes.u64()?);
+    if size > packed.saturating_mul(MOST_NAMES_A_BYTE) {
+        return None;
+    }
     let text = unpack(bytes.take(usize::try_from(packed).ok()?)?, size)?;
-    Some(text.split(|&byte| byte == 0).map(|token| String::from_utf8_lossy(token).into_owned()).collect())
+    let tokens = text.split(|&byte| byte == 0).take(usize::try_from(count).ok()?);
+    Some(tokens.map(|token| String::from_utf8_lossy(token).into_owned()).collect())
 }
 
 /// A length, then packed integers.
@@ -105,9 +122,9 @@ fn table(bytes: &mut Bytes, count: u64) -> Option<Vec<i32>> {
     integers(bytes.take(usize::try_from(packed).ok()?)?, count)
 }
 
-fn read_fields(data: &[u8]) -> Option<Vec<(usize, u64)>> {
+fn read_fields(data: &[u8], most: u64) -> Option<Vec<(usize, u64)>> {
     let mut bytes = Bytes::new(data);
-    let count = bytes.u64()?;
+    let count = rows(&mut bytes, most)?;
     let names = table(&mut bytes, count)?;
     let packed = bytes.u64()?;
     let values = unpack(bytes.take(usize::try_from(packed).ok()?)?, count.checked_mul(8)?)?;
@@ -115,24 +132,24 @@ fn read_fields(data: &[u8]) -> Option<Vec<(usize, u64)>> {
     Some(names.into_iter().map(|name| name as u32 as usize).zip(values).collect())
 }
 
-fn read_field_sets(data: &[u8]) -> Option<Vec<i32>> {
+fn read_field_sets(data: &[u8], most: u64) -> Option<Vec<i32>> {
     let mut bytes = Bytes::new(data);
-    let count = bytes.u64()?;
+    let count = rows(&mut bytes, most)?;
     table(&mut bytes, count)
 }
 
-fn read_specs(data: &[u8]) -> Option<Vec<(i32, i32, i32)>> {
+fn read_specs(data: &[u8], most: u64) -> Option<Vec<(i32, i32, i32)>> {
     let mut bytes = Bytes::new(data);
-    let count = bytes.u64()?;
+    let count = rows(&mut bytes, most)?;
     let [paths, sets, kinds] = [table(&mut bytes, count)?, table(&mut bytes, count)?, table(&mut bytes, count)?];
     Some(paths.into_iter().zip(sets).zip(kinds).map(|((path, set), kind)| (path, set, kind)).collect())
 }
 
 /// The tree, depth first: numbers, tokens of the last element (negative: a property), and jumps (above 0: a child follows and
 /// the sibling lies so far on; 0: only a sibling follows; −1: only a child; −2: neither).
-fn read_paths(data: &[u8]) -> Option<BTreeMap<i32, Path>> {
+fn read_paths(data: &[u8], most: u64) -> Option<BTreeMap<i32, Path>> {
     let mut bytes = Bytes::new(data);
-    let (_paths, count) = (bytes.u64()?, bytes.u64()?);
+    let (_paths, count) = (bytes.u64()?, rows(&mut bytes, most)?);
     let [numbers, tokens, jumps] = [table(&mut bytes, count)?, table(&mut bytes, count)?, table(&mut bytes, count)?];
     let mut paths = BTreeMap::new();
     let mut open = vec![(0usize, None)];

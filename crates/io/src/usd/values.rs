@@ -118,6 +118,11 @@ impl<R: Read + Seek> Values<'_, R> {
         let count = self.file.u64(place)?;
         if value & PACKED != 0 && count >= FEWEST_PACKED {
             let Scalar::Int = scalar else { return Err("has a packed array of a kind that is not read".into()) };
+            // Packing shrinks equal numbers to nothing. Numbers of curves that are needed here count points, which are never
+            // packed: there are fewer of them than bytes.
+            if count > self.file.len() {
+                return Err(format!("is damaged: it claims {count} packed numbers, more than it has bytes"));
+            }
             let size = self.file.u64(place + 8)?;
             let packed = self.file.bytes(place + 16, size)?;
             let numbers = integers(&packed, count).ok_or("is damaged: at a packed array")?;

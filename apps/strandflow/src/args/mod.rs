@@ -1,0 +1,69 @@
+//! All of clap: what can be typed. Resolved into domain objects by the subcommands before any work starts.
+
+use clap::{Parser, Subcommand};
+
+mod animate;
+mod evaluate;
+mod export;
+mod new;
+mod render;
+mod run;
+mod synth;
+
+pub use self::{
+    animate::AnimateArgs,
+    evaluate::EvaluateArgs,
+    export::{ExportArgs, ExportStage, Format, TargetArg},
+    new::NewArgs,
+    render::{OverlayArgs, RenderArgs, ReportArgs, SequenceStage},
+    run::{BenchArgs, RunArgs, StatusArgs},
+    synth::{DemoArgs, SynthArgs},
+};
+
+const FIRST_STEPS: &str = "\
+First steps:
+  strandflow demo                           a small synthetic take, all stages, scores, exports
+  strandflow new TAKE --capture DIR         DIR: video/, clean/, calibration.json, user/ (docs/capture.md)
+  strandflow run TAKE                       resumes where it stopped; Ctrl-C loses nothing
+  strandflow status TAKE
+  strandflow export TAKE --stage blend --to usd OUT.usdc";
+
+/// Multi-view video of moving hair in, animated strands with fitted physics out.
+///
+/// Exit codes: 0 done, 1 failed, 2 bad usage or bad input.
+#[derive(Debug, Parser)]
+#[command(name = "strandflow", version, propagate_version = true, after_help = FIRST_STEPS)]
+pub struct Args {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The subcommands, one file each.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Scaffold a take from a capture folder; copies nothing.
+    New(NewArgs),
+    /// Run the stages; resumes where a run stopped, repeats what is stale.
+    Run(RunArgs),
+    /// What is done, stale, missing or failed, and why.
+    Status(StatusArgs),
+    /// Score results against truth, and in views that were held out.
+    Evaluate(EvaluateArgs),
+    /// Write strands, guides, hair cards or the velocity field in a format that other programs read.
+    Export(ExportArgs),
+    /// Drive another groom with the captured motion; needs the results of a take, not its footage.
+    Animate(AnimateArgs),
+    /// Draw strands over one image of the footage.
+    Overlay(OverlayArgs),
+    /// Render strands as hair: a still, a turntable or the footage's own view, as PNG or video.
+    Render(RenderArgs),
+    /// Write a page that says how a take stands: health by stage, strands over footage, plots, time, what to do next.
+    Report(ReportArgs),
+    /// Make a synthetic capture with truth.
+    Synth(SynthArgs),
+    /// Make a small synthetic capture, run everything on it, score it and write exports. Needs no file.
+    Demo(DemoArgs),
+    /// Time the dynamics on this machine: kernels, a strand, threads.
+    Bench(BenchArgs),
+}
