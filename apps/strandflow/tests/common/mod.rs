@@ -3,6 +3,7 @@
 #![allow(dead_code, reason = "every test file uses a part of it")]
 
 pub mod synthetic;
+pub mod viewer;
 
 use std::{
     collections::BTreeMap,
