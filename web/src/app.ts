@@ -9,7 +9,6 @@ import { byId, el } from './dom.ts';
 import { Footage } from './footage.ts';
 import type { Drawn, Picture } from './footage.ts';
 import { Keys } from './keys.ts';
-import { Arrows } from './layers.ts';
 import { Loader } from './loader.ts';
 import { Notices } from './notices.ts';
 import { PickedPanel, Panels, comparison, legend } from './panels.ts';
@@ -37,6 +36,7 @@ interface Shown {
   frame: number;
   level: Level;
   strands: Strands;
+  values: Float32Array | null;
 }
 
 export class App {
@@ -46,7 +46,7 @@ export class App {
   private readonly loader: Loader;
   private readonly requests: Requests;
   private readonly notices = new Notices();
-  private readonly space: Space;
+  readonly space: Space;
   private readonly footage: Footage;
   private readonly panels: Panels;
   private readonly picked: PickedPanel;
@@ -72,7 +72,7 @@ export class App {
   private framesPlayed = 0;
   private errors = 0;
 
-  constructor(api: Api, private readonly take: Take) {
+  constructor(api: Api, readonly take: Take) {
     this.first = firstState(take);
     this.store = new Store(fromHash(location.hash, this.first, take));
     this.cache = new ByteCache<unknown>(CACHE_BYTES, (value) => value instanceof ImageBitmap && value.close());
@@ -123,7 +123,7 @@ export class App {
   async settled(): Promise<void> {
     for (;;) {
       const c = this.counters();
-      if (c.renders > 0 && (c.atRest || this.take.sets.every((set) => set.done.length === 0))) return;
+      if (c.renders > 0 && c.atRest) return;
       await new Promise((r) => setTimeout(r, 50));
     }
   }
@@ -131,7 +131,6 @@ export class App {
   counters() {
     const { state } = this.store;
     const [a, b] = this.shown;
-    const full = (s: Shown | null) => s !== null && s.level === FULL;
     return {
       frame: state.frame,
       shownFrame: a?.frame ?? null,
@@ -141,8 +140,8 @@ export class App {
       points: a?.strands.points ?? 0,
       otherStrands: b?.strands.strands ?? 0,
       otherFrame: b?.frame ?? null,
-      full: full(a),
-      atRest: !this.moving && (state.mode === 'footage' ? this.loader.idle : a !== null && a.frame === state.frame && full(a) && (!state.other || full(b) || !this.hasFrame(1))),
+      full: a !== null && a.level === FULL,
+      atRest: !this.moving && (state.mode === 'footage' ? this.loader.idle : this.complete(0) && this.complete(1)),
       idle: this.loader.idle && !this.due,
       cacheBytes: this.cache.bytes,
       cacheLimit: this.cache.limit,
@@ -171,10 +170,16 @@ export class App {
     return state.playing || performance.now() - this.movedAt < REST_MS || (this.turning && (this.fullPace.value ?? 0) > 70);
   }
 
+  /** All of a set's frame is shown, or there is none. */
+  private complete(which: 0 | 1): boolean {
+    const shown = this.shown[which];
+    return !this.hasFrame(which) || (shown !== null && shown.frame === this.store.state.frame && shown.level === FULL);
+  }
+
   private hasFrame(which: 0 | 1): boolean {
     const { state } = this.store;
     const set = setOf(this.take, which === 0 ? state.set : state.other);
-    return set !== undefined && isDone(set, state.frame);
+    return set !== undefined && isDone(set, state.frame) && state.layers.strands;
   }
 
   private go(frame: number): void {
@@ -328,7 +333,7 @@ export class App {
     if (state.isolated && !this.isolated) this.isolate();
 
     const frame = this.shown[0]?.frame ?? state.frame;
-    this.showMark(state, frame);
+    const one = this.showMark(state, frame);
     const { layers } = state;
     space.head.show(loader.get<Mesh>(paths.head()));
     space.head.object.visible = layers.head && take.layers.head === true;
@@ -354,15 +359,24 @@ export class App {
       space.look(space.home(space.headMiddle()));
     }
     this.showPanes(state, sets);
-    space.touch();
+    // What arrives ahead of time changes nothing on the screen, and drawing is dear.
+    const { scale } = this;
+    const seen = [
+      frame, state.layers, state.width, state.follow, state.layout, state.by, state.selected, scale?.table, ...(scale?.range ?? [0, 0]),
+      ...this.shown.flatMap((s) => [s?.strands, s?.values]), this.space.seen(), one,
+      ...space.frusta.map((f) => layers.images && loader.has(paths.image(f.view.name, state.frame))),
+    ];
+    if (seen.some((thing, i) => thing !== this.seen[i])) space.touch();
+    this.seen = seen;
   }
 
   private looked = false;
+  private seen: unknown[] = [];
 
   /** Puts the best that has arrived of a set's frame into its cloud; until there is anything, what was shown stays. */
   private showSet(moment: Moment, which: 0 | 1, set: StrandSet | undefined, cloud: StrandCloud): void {
     const { state } = moment;
-    if (!set || !isDone(set, state.frame)) {
+    if (!set || !isDone(set, state.frame) || !state.layers.strands) {
       this.shown[which] = null;
       cloud.hide();
       return;
@@ -385,8 +399,8 @@ export class App {
     }
     const level = full ? FULL : coarse;
     cloud.show(best.strands, 0, level.stride);
-    this.shown[which] = { set, frame: state.frame, level, strands: best.strands };
     const values = this.valuesOf(state, best.strands, level, best.values);
+    this.shown[which] = { set, frame: state.frame, level, strands: best.strands, values };
     const overlaid = which === 1 && state.layout === 'over';
     if (overlaid) cloud.flat(rgb(this.inks.second));
     else if (this.scale && values) cloud.coloured(values, this.scale.table, this.scale.range, this.scale.categories !== undefined);
@@ -432,16 +446,13 @@ export class App {
     });
   }
 
-  private showMark(state: State, frame: number): void {
+  private showMark(state: State, frame: number): Strands | undefined {
     const set = setOf(this.take, state.set);
-    if (!set || state.selected === null || !isDone(set, frame)) {
-      this.space.mark.hide();
-      return;
-    }
-    const one = this.loader.get<Strands>(paths.one(set, frame, state.selected));
-    if (one) this.space.mark.show(one, state.selected, 1);
-    else if (!this.moving) this.space.mark.hide();
+    const one = set && state.selected !== null && isDone(set, frame) ? this.loader.get<Strands>(paths.one(set, frame, state.selected)) : undefined;
+    if (one && state.selected !== null) this.space.mark.show(one, state.selected, 1);
+    else if (!this.moving || state.selected === null) this.space.mark.hide();
     this.space.mark.flat(rgb(this.inks.pick));
+    return one;
   }
 
   private showPanes(state: State, sets: (StrandSet | undefined)[]): void {
@@ -514,7 +525,7 @@ export class App {
     for (const set of lacking) notes.push(`${set.id} does not have it`);
     if (state.by === 'root' && state.mode === 'footage') notes.push('not over the footage');
     if (state.mode === 'space' && state.layers.arrows && this.take.layers.arrows) {
-      notes.push(`Velocities: the way of ${Arrows.TIME * 1000} ms, up to ${number(this.space.arrows.fastest)} mm/s`);
+      notes.push(`Velocities: the way of ${this.space.arrows.seconds * 1000} ms, up to ${number(this.space.arrows.fastest)} mm/s`);
     }
     if (state.mode === 'space' && state.layers.lines && this.take.layers.lines) notes.push('Lifted lines: brighter is more certain');
     legend(this.scale, notes);

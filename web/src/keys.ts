@@ -35,8 +35,8 @@ export class Keys {
     }
     switch (event.key) {
       case ' ':
-        // On a button the space bar presses it.
-        if (event.target instanceof HTMLButtonElement) return false;
+        // The space bar presses a button that was reached by the keyboard, not one that was clicked before.
+        if (event.target instanceof HTMLButtonElement && event.target.matches(':focus-visible')) return false;
         store.set({ playing: !state.playing });
         return true;
       case 'ArrowLeft': go(state.frame - far); return true;

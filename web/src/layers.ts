@@ -27,6 +27,8 @@ function surface(mesh: Mesh): THREE.BufferGeometry {
 export class Head {
   readonly object = new THREE.Mesh(new THREE.BufferGeometry(), new THREE.MeshStandardMaterial({ roughness: 0.85, side: THREE.DoubleSide }));
   private shown: Mesh | null = null;
+  /** How many things it has shown so far. */
+  shows = 0;
 
   constructor() {
     this.object.matrixAutoUpdate = false;
@@ -39,6 +41,7 @@ export class Head {
   show(mesh: Mesh | undefined): void {
     if (!mesh || mesh === this.shown) return;
     this.shown = mesh;
+    this.shows += 1;
     this.object.geometry.dispose();
     this.object.geometry = surface(mesh);
   }
@@ -53,6 +56,8 @@ export class Hull {
   private readonly material = new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.2, depthWrite: false, side: THREE.FrontSide });
   private readonly mesh = new THREE.Mesh(new THREE.BufferGeometry(), this.material);
   private shown: Mesh | null = null;
+  /** How many things it has shown so far. */
+  shows = 0;
 
   constructor() {
     this.object = new THREE.Group().add(this.mesh);
@@ -62,6 +67,7 @@ export class Hull {
   show(mesh: Mesh | undefined): void {
     if (!mesh || mesh === this.shown) return;
     this.shown = mesh;
+    this.shows += 1;
     this.mesh.geometry.dispose();
     this.mesh.geometry = surface(mesh);
   }
@@ -75,10 +81,13 @@ export class Hull {
 export class Lines {
   readonly object = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ vertexColors: true }));
   private shown: Rows | null = null;
+  /** How many things it has shown so far. */
+  shows = 0;
 
   show(rows: Rows | undefined): void {
     if (!rows || rows === this.shown) return;
     this.shown = rows;
+    this.shows += 1;
     const half = 2;
     const places = new Float32Array(rows.count * 6);
     const colours = new Uint8Array(rows.count * 6);
@@ -101,19 +110,23 @@ export class Lines {
   }
 }
 
-/** Velocities as slender arrows: their length is the way of `TIME` seconds, their colour the speed. */
+/** Velocities as slender arrows: their length is the way of `seconds`, their colour the speed. */
 export class Arrows {
-  static readonly TIME = 0.03;
   readonly object = new THREE.Group();
   private mesh: THREE.InstancedMesh | null = null;
   private readonly shape = arrow();
   private readonly material = new THREE.MeshBasicMaterial();
   private shown: Rows | null = null;
+  /** How many things it has shown so far. */
+  shows = 0;
   fastest = 0;
+  /** A round number, such that fast arrows are about as long as a finger is wide. */
+  seconds = 0.1;
 
   show(rows: Rows | undefined): void {
     if (!rows || rows === this.shown) return;
     this.shown = rows;
+    this.shows += 1;
     if (this.mesh) {
       this.object.remove(this.mesh);
       this.mesh.dispose();
@@ -122,15 +135,16 @@ export class Arrows {
     this.mesh.frustumCulled = false;
     const speeds = Array.from({ length: rows.count }, (_, i) => Math.hypot(...rows.rows.subarray(i * 6 + 3, i * 6 + 6)));
     this.fastest = [...speeds].sort((a, b) => a - b)[Math.floor(speeds.length * 0.98)] || 1;
+    this.seconds = [0.2, 0.1, 0.05, 0.02, 0.01, 0.005].find((t) => this.fastest * t < 40) ?? 0.002;
     const [at, along, up] = [new THREE.Vector3(), new THREE.Vector3(), new THREE.Vector3(0, 1, 0)];
     const [turn, size, all, colour] = [new THREE.Quaternion(), new THREE.Vector3(), new THREE.Matrix4(), new THREE.Color()];
     for (let i = 0; i < rows.count; i++) {
       at.fromArray(rows.rows, i * 6);
       along.fromArray(rows.rows, i * 6 + 3);
-      const length = Math.max(0.5, speeds[i] * Arrows.TIME);
+      const length = Math.max(0.5, speeds[i] * this.seconds);
       turn.setFromUnitVectors(up, along.normalize());
-      size.set(1, length, 1).multiplyScalar(1);
-      size.x = size.z = Math.min(2.2, 0.6 + length * 0.05);
+      const thick = Math.min(2.6, 0.7 + length * 0.06);
+      size.set(thick, length, thick);
       this.mesh.setMatrixAt(i, all.compose(at, turn, size));
       const [r, g, b] = tableColour(MAPS.viridis, Math.round(255 * Math.min(1, speeds[i] / this.fastest)));
       this.mesh.setColorAt(i, colour.setRGB(r / 255, g / 255, b / 255, THREE.SRGBColorSpace));
@@ -148,6 +162,8 @@ function arrow(): THREE.BufferGeometry {
 export class Roots {
   readonly object: THREE.Points<THREE.BufferGeometry, THREE.PointsMaterial>;
   private shown: Strands | null = null;
+  /** How many things it has shown so far. */
+  shows = 0;
 
   constructor() {
     this.object = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({ size: 3, sizeAttenuation: false }));
@@ -156,6 +172,7 @@ export class Roots {
   show(s: Strands | undefined): void {
     if (!s || s === this.shown) return;
     this.shown = s;
+    this.shows += 1;
     const places: number[] = [];
     for (let i = 0; i < s.strands; i++) {
       const at = i * s.points * 3;

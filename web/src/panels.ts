@@ -9,7 +9,9 @@ import type { StrandDetails, Take } from './protocol.ts';
 import { setOf } from './wants.ts';
 import type { Layer, State, Store } from './state.ts';
 
-const LAYER_ROWS: { layer: Layer; title: string; mode: State['mode']; needs?: string; key?: string }[] = [
+/** `mode`: the one in which the layer is shown; absent: in both. */
+const LAYER_ROWS: { layer: Layer; title: string; mode?: State['mode']; needs?: string }[] = [
+  { layer: 'strands', title: 'Strands' },
   { layer: 'head', title: 'Head', mode: 'space', needs: 'head' },
   { layer: 'cameras', title: 'Cameras', mode: 'space' },
   { layer: 'images', title: 'Footage in the cameras', mode: 'space', needs: 'footage' },
@@ -19,7 +21,6 @@ const LAYER_ROWS: { layer: Layer; title: string; mode: State['mode']; needs?: st
   { layer: 'roots', title: 'Roots', mode: 'space' },
   { layer: 'floor', title: 'Floor, axes, gravity', mode: 'space' },
   { layer: 'footage', title: 'Footage', mode: 'footage', needs: 'footage' },
-  { layer: 'strands', title: 'Strands, reprojected', mode: 'footage' },
   { layer: 'masks', title: 'Masks', mode: 'footage', needs: 'masks' },
   { layer: 'orientation', title: 'Orientations', mode: 'footage', needs: 'orientation' },
 ];
@@ -130,7 +131,7 @@ export class Panels {
         onchange: () => store.set({ layers: { ...store.state.layers, [row.layer]: box.checked } }),
       });
       this.boxes.set(row.layer, box);
-      const label = el('label', { className: can ? 'check' : 'check off', 'data-mode': row.mode }, box, row.title, !can && el('span', { className: 'why' }, WHY[row.needs!]));
+      const label = el('label', { className: can ? 'check' : 'check off', 'data-mode': row.mode ?? '' }, box, row.title, !can && el('span', { className: 'why' }, WHY[row.needs!]));
       byId('layers').append(label);
     }
   }
@@ -187,7 +188,7 @@ export class Panels {
       option.title = known ? '' : `${state.set} does not have it`;
     }
     for (const [layer, box] of this.boxes) box.checked = state.layers[layer] && !box.disabled;
-    for (const label of byId('layers').children) (label as HTMLElement).hidden = (label as HTMLElement).dataset.mode !== state.mode;
+    for (const label of byId('layers').children as HTMLCollectionOf<HTMLElement>) label.hidden = !['', state.mode].includes(label.dataset.mode!);
     byId('opacity-row').hidden = state.mode !== 'footage';
     byId('drawing').hidden = state.mode !== 'space';
     byId<HTMLInputElement>('opacity').value = String(state.opacity);

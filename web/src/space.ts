@@ -131,7 +131,11 @@ export class Space {
     this.head.object.visible &&= this.head.known;
     const box = this.head.known ? this.headMiddle() : null;
     this.middle.copy(box ? box.applyMatrix4(head) : this.center()).applyMatrix4(this.world.matrix);
-    this.touch();
+  }
+
+  /** Changes whenever one of the layers got something else to show. */
+  seen(): number {
+    return [this.head, this.hull, this.lines, this.arrows, this.roots].reduce((sum, layer) => sum + layer.shows, 0);
   }
 
   /** In head space. */

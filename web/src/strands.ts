@@ -16,17 +16,22 @@ const ROW = 1024;
 const VERTEX = /* glsl */ `
 precision highp usampler2D;
 uniform usampler2D places;
-uniform sampler2D values;
+uniform sampler2D values, table, drawn;
 uniform vec3 lo, cell;
 uniform int points, first, stride;
 uniform float width, widening, pixel, leastPixels;
 uniform bool filtered, perStrand;
-uniform sampler2D drawn;
 uniform vec3 middle;
+uniform int colouring;          // 0 hair, 1 by value, 2 one colour
+uniform vec2 range;
+uniform vec3 flatColour, hairRoot, hairTip, noValue;
 
-varying vec3 vTangent, vPlace, vOut;
-varying float vAlong, vAcross, vSeed, vValue, vNone, vMissing;
-flat varying float vStep;
+// Light is reckoned at the points, a few millimetres apart. Nothing but the colour goes on to the pixels: whatever is
+// interpolated is paid for by each of half a million small triangles.
+#ifdef STEPPED
+flat
+#endif
+varying vec3 vColour;
 
 ivec2 texel(int i) { return ivec2(i % ${ROW}, i / ${ROW}); }
 bool missing(uvec3 p) { return p.x == ${MISSING}u; }
@@ -36,6 +41,37 @@ float random(int n) {
   uint h = uint(n) * 2654435769u;
   h ^= h >> 16; h *= 2246822519u; h ^= h >> 13;
   return float(h & 65535u) / 65535.0;
+}
+
+// Kajiya and Kay: a thin cylinder is lit by the sine of the angle between tangent and light.
+float sine(vec3 t, vec3 l) { float c = dot(t, l); return sqrt(max(0.0, 1.0 - c * c)); }
+
+// Tangent, direction to the eye, way out of the head, share of the way to the tip.
+vec3 lit(vec3 t, vec3 v, vec3 n, float toTip, int strand, vec3 base) {
+  vec3 light = normalize(vec3(-0.45, 0.75, 0.6));
+  vec3 fill = normalize(vec3(0.8, 0.1, 0.5));
+  // The head of hair as a whole is round: strands on its side away from the light get less.
+  float facing = 0.5 + 0.5 * dot(n, light);
+  float diffuse = sine(t, light) * mix(0.25, 1.0, facing);
+  float second = sine(t, fill) * (0.5 + 0.5 * dot(n, fill));
+  float depth = mix(0.62, 1.0, smoothstep(0.0, 0.3, toTip));
+  // Light enough that a colour stays the one of the legend.
+  if (colouring != 0) return base * (0.6 + 0.34 * diffuse + 0.14 * second) * mix(0.85, 1.0, depth);
+  float seed = random(strand);
+  vec3 h = normalize(light + v);
+  float shine = pow(sine(normalize(t + n * (0.10 + 0.06 * seed)), h), 90.0);
+  float glow = pow(sine(normalize(t - n * 0.12), h), 18.0);
+  vec3 colour = base * (0.82 + 0.36 * seed) * (0.16 + 1.05 * diffuse + 0.35 * second);
+  return (colour + (mix(hairTip, vec3(1.0), 0.35) * 0.42 * shine + hairTip * 0.8 * glow) * facing * facing) * depth;
+}
+
+vec3 baseColour(int row, int index, float toTip) {
+  if (colouring == 0) return mix(hairRoot, hairTip, smoothstep(0.05, 1.0, toTip));
+  if (colouring == 2) return flatColour;
+  float value = texelFetch(values, texel(perStrand ? row : index), 0).r;
+  if (value < -1e38) return noValue;
+  float at = clamp((value - range.x) / (range.y - range.x), 0.0, 1.0);
+  return texelFetch(table, ivec2(int(at * 255.0 + 0.5), 0), 0).rgb;
 }
 
 void main() {
@@ -48,93 +84,42 @@ void main() {
   uvec3 here = texelFetch(places, texel(index), 0).xyz;
   uvec3 before = point > 0 ? texelFetch(places, texel(index - 1), 0).xyz : uvec3(${MISSING}u);
   uvec3 after = point < points - 1 ? texelFetch(places, texel(index + 1), 0).xyz : uvec3(${MISSING}u);
-  bool hidden = filtered && texelFetch(drawn, ivec2(strand & 255, strand >> 8), 0).r < 0.5;
 
-  // A missing point falls onto one beside it, and no pixel of its segments is kept.
-  vMissing = missing(here) || hidden ? 1.0 : 0.0;
+  // A missing point falls onto one beside it, and its colour says that no pixel of its segments is to be kept.
+  vColour = vec3(-1e4);
   gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
-  vTangent = vPlace = vOut = vec3(0.0, 0.0, 1.0);
-  vAlong = vAcross = vSeed = vValue = vNone = vStep = 0.0;
-  if (missing(here)) here = missing(before) ? after : before;
-  if (hidden || missing(here)) return;
+  if (filtered && texelFetch(drawn, ivec2(strand & 255, strand >> 8), 0).r < 0.5) return;
+  bool gap = missing(here);
+  if (gap) here = missing(before) ? after : before;
+  if (missing(here)) return;
 
   vec3 p = place(here);
   vec3 along = (missing(after) ? p : place(after)) - (missing(before) ? p : place(before));
   vec3 tangent = dot(along, along) < 1e-10 ? vec3(0.0, 1.0, 0.0) : normalize(along);
+  vec3 eye = normalize(-p);
 
   float toTip = float(point) / float(points - 1);
   // Hair thins towards its tip. Thinner than about a pixel it would fall between the samples and break up into dashes.
   float millimetres = width * widening * (1.0 - 0.55 * toTip * toTip);
   float wide = max(millimetres, leastPixels * pixel * -p.z);
-  vec3 side = cross(tangent, normalize(p));
+  vec3 side = cross(eye, tangent);
   side = dot(side, side) < 1e-8 ? vec3(1.0, 0.0, 0.0) : normalize(side);
-  vec3 at = p + side * across * 0.5 * wide;
-  gl_Position = projectionMatrix * vec4(at, 1.0);
+  gl_Position = projectionMatrix * vec4(p + side * across * 0.5 * wide, 1.0);
+  if (gap) return;
 
-  vTangent = tangent;
-  vPlace = at;
-  vOut = p - (viewMatrix * vec4(middle, 1.0)).xyz;
-  vAlong = toTip;
-  vAcross = across;
-  vSeed = random(strand);
-  float value = texelFetch(values, texel(perStrand ? row : index), 0).r;
-  vNone = value < -1e38 ? 1.0 : 0.0;
-  vValue = vNone > 0.5 ? 0.0 : value;
-  vStep = value;
+  vec3 outwards = normalize(p - (viewMatrix * vec4(middle, 1.0)).xyz);
+  vColour = lit(tangent, eye, outwards, toTip, strand, baseColour(row, index, toTip));
 }`;
 
 const FRAGMENT = /* glsl */ `
-uniform int colouring;          // 0 hair, 1 by value, 2 one colour
-uniform sampler2D table;
-uniform vec2 range;
-uniform bool stepped;
-uniform vec3 flatColour, hairRoot, hairTip, noValue;
-
-varying vec3 vTangent, vPlace, vOut;
-varying float vAlong, vAcross, vSeed, vValue, vNone, vMissing;
-flat varying float vStep;
-
-// Kajiya and Kay: a thin cylinder is lit by the sine of the angle between tangent and light.
-float lobe(vec3 t, vec3 h, float power) {
-  float c = dot(t, h);
-  return pow(max(1.0 - c * c, 0.0), power * 0.5);
-}
+#ifdef STEPPED
+flat
+#endif
+varying vec3 vColour;
 
 void main() {
-  if (vMissing > 0.0) discard;
-  vec3 t = normalize(vTangent);
-  vec3 v = normalize(-vPlace);
-  vec3 n = normalize(vOut);
-  vec3 light = normalize(vec3(-0.45, 0.75, 0.6));
-  vec3 fill = normalize(vec3(0.8, 0.1, 0.5));
-  vec3 h = normalize(light + v);
-
-  // The head of hair as a whole is round: strands on its far side from the light get less.
-  float facing = 0.5 + 0.5 * dot(n, light);
-  float diffuse = sqrt(max(0.0, 1.0 - pow(dot(t, light), 2.0))) * mix(0.25, 1.0, facing);
-  float second = sqrt(max(0.0, 1.0 - pow(dot(t, fill), 2.0))) * (0.5 + 0.5 * dot(n, fill));
-  float depth = mix(0.62, 1.0, smoothstep(0.0, 0.3, vAlong));
-  float round_ = 1.0 - 0.2 * vAcross * vAcross;
-
-  vec3 colour;
-  if (colouring == 0) {
-    vec3 base = mix(hairRoot, hairTip, smoothstep(0.05, 1.0, vAlong)) * (0.82 + 0.36 * vSeed);
-    float shine = lobe(normalize(t + n * (0.10 + 0.06 * vSeed)), h, 90.0);
-    float glow = lobe(normalize(t - n * 0.12), h, 18.0);
-    colour = base * (0.16 + 1.05 * diffuse + 0.35 * second) * depth;
-    colour += (mix(hairTip, vec3(1.0), 0.35) * 0.42 * shine + hairTip * 0.8 * glow) * facing * facing * depth;
-  } else {
-    vec3 base = flatColour;
-    if (colouring == 1) {
-      // Categories do not blend into one another, nor values into their absence: a segment has those of its start.
-      float value = stepped || vNone > 0.0 ? vStep : vValue;
-      float at = clamp((value - range.x) / (range.y - range.x), 0.0, 1.0);
-      base = value < -1e38 ? noValue : texture2D(table, vec2(at * 255.0 / 256.0 + 0.5 / 256.0, 0.5)).rgb;
-    }
-    // Light enough that the colour stays the one of the legend.
-    colour = base * (0.62 + 0.34 * diffuse + 0.14 * second) * mix(0.85, 1.0, depth);
-  }
-  gl_FragColor = vec4(colour * round_, 1.0);
+  if (vColour.r < 0.0) discard;
+  gl_FragColor = vec4(vColour, 1.0);
   #include <colorspace_fragment>
 }`;
 
@@ -207,7 +192,6 @@ export class StrandCloud {
       leastPixels: { value: 0.8 },
       filtered: { value: false },
       perStrand: { value: false },
-      stepped: { value: false },
       drawn: { value: byte() },
       middle: { value: new THREE.Vector3() },
       colouring: { value: 0 },
@@ -263,11 +247,21 @@ export class StrandCloud {
     this.mesh.visible = false;
   }
 
+  /** Categories do not blend into one another along a segment: it has the one of its start. */
+  private stepped(on: boolean): void {
+    const { material } = this.mesh;
+    if (on === 'STEPPED' in material.defines) return;
+    material.defines = on ? { STEPPED: '' } : {};
+    material.needsUpdate = true;
+  }
+
   hair(): void {
+    this.stepped(false);
     this.uniforms.colouring.value = 0;
   }
 
   flat([r, g, b]: Rgb): void {
+    this.stepped(false);
     this.uniforms.colouring.value = 2;
     this.uniforms.flatColour.value.setRGB(r / 255, g / 255, b / 255, THREE.SRGBColorSpace);
   }
@@ -277,12 +271,11 @@ export class StrandCloud {
     const u = this.uniforms;
     u.colouring.value = 1;
     u.range.value.fromArray(range);
-    u.stepped.value = stepped;
+    this.stepped(stepped);
     if (u.table.value.image.data !== table) {
       u.table.value.dispose();
       u.table.value = new THREE.DataTexture(table, 256, 1);
       u.table.value.colorSpace = THREE.SRGBColorSpace;
-      u.table.value.magFilter = u.table.value.minFilter = stepped ? THREE.NearestFilter : THREE.LinearFilter;
       u.table.value.needsUpdate = true;
     }
     if (values === this.shownValues) return;

@@ -135,7 +135,7 @@ function inSpace(moment: Moment, requests: Requests): Wanted[] {
   const list: Wanted[] = [];
   const sets = shownSets(moment);
   const frameOf = (set: StrandSet, frame: number, l: Level) => {
-    if (!isDone(set, frame)) return;
+    if (!isDone(set, frame) || !state.layers.strands) return;
     list.push(requests.binary(paths.strands(set, frame, l), decodeStrands));
     const attribute = attributeOf(moment, set);
     if (attribute) list.push(requests.binary(paths.values(set, attribute.name, frame, l), decodeValues));

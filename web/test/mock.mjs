@@ -122,7 +122,7 @@ function make({ strands, frames, points, views }) {
     take: {
       name: 'procedural', fps: 30, frames: [0, frames], gravity: [0, 0, -9810],
       world_from_head: { first: 0, poses },
-      bounds: { lo: [-190, -190, -300], hi: [190, 150, 140] },
+      bounds: { lo: [-190, -190, -300], hi: [190, 150, 175] },
       views: cameras,
       sets: [
         set('grow', 'grown strands', all, attributes.slice(0, 2)),
@@ -266,23 +266,20 @@ function viewOf(made, name) {
   return view;
 }
 
-/** A stand-in for footage: strands as dots on a plain ground. */
-function picture(made, viewName, frame, paint) {
+/** A stand-in for footage: strands as dots on a plain ground. Colours are little-endian RGBA. */
+function picture(made, viewName, frame, { ground, dot, size }) {
   const view = viewOf(made, viewName);
-  const pixels = Buffer.alloc(view.width * view.height * 4);
-  if (paint.ground) for (let i = 0; i < pixels.length; i += 4) pixels.set(paint.ground(Math.floor(i / 4 / view.width) / view.height), i);
-  const query = new URLSearchParams({ stride: String(Math.max(1, Math.ceil(made.strands / 1500))), points: '60' });
+  const pixels = new Uint32Array(view.width * view.height).fill(ground);
+  const query = new URLSearchParams({ stride: String(Math.max(1, Math.ceil(made.strands / 1000))), points: '50' });
   const { body } = project(made, 'truth', viewName, frame, query);
   const uv = new Float32Array(body.buffer.slice(body.byteOffset + 16, body.byteOffset + body.byteLength));
   for (let i = 0; i < uv.length; i += 2) {
     const [x, y] = [Math.floor(uv[i]), Math.floor(uv[i + 1])];
-    for (let k = 0; k < paint.size; k++) {
-      for (let l = 0; l < paint.size; l++) {
-        if (x + k >= 0 && x + k < view.width && y + l >= 0 && y + l < view.height) pixels.set(paint.dot(i), ((y + l) * view.width + x + k) * 4);
-      }
+    for (let k = Math.max(0, x); k < Math.min(view.width, x + size); k++) {
+      for (let l = Math.max(0, y); l < Math.min(view.height, y + size); l++) pixels[l * view.width + k] = dot(i);
     }
   }
-  return { type: 'image/png', body: png(view.width, view.height, pixels) };
+  return { type: 'image/png', body: png(view.width, view.height, Buffer.from(pixels.buffer)) };
 }
 
 function png(width, height, pixels) {
@@ -364,9 +361,9 @@ function answer(made, path, query) {
   if ((m = /^\/api\/project\/(.+)\/([^/]+)\/(\d+)$/.exec(path))) return project(made, setFrame(m[1], m[3])[0], m[2], Number(m[3]), query);
   if ((m = /^\/api\/strand\/(.+)\/(\d+)$/.exec(path))) return json(details(made, m[1], Number(m[2])));
   if ((m = /^\/api\/image\/([^/]+)\/(\d+)$/.exec(path))) {
-    return picture(made, m[1], Number(m[2]), { ground: (y) => [200 - 40 * y, 205 - 40 * y, 212 - 40 * y, 255], dot: (i) => [64 + ((i * 7) % 50), 40 + ((i * 7) % 35), 28, 255], size: 2 });
+    return picture(made, m[1], Number(m[2]), { ground: 0xffc4bfba, dot: (i) => 0xff1c2840 + ((i * 7) % 40) * 0x101, size: 2 });
   }
-  if ((m = /^\/api\/mask\/([^/]+)\/(\d+)$/.exec(path))) return picture(made, m[1], Number(m[2]), { dot: () => [230, 60, 140, 120], size: 4 });
+  if ((m = /^\/api\/mask\/([^/]+)\/(\d+)$/.exec(path))) return picture(made, m[1], Number(m[2]), { ground: 0, dot: () => 0x788c3ce6, size: 5 });
   if (path === '/api/mesh/head') return mesh(ellipsoid(HEAD, 24, 36));
   if ((m = /^\/api\/mesh\/hull\/(\d+)$/.exec(path))) return mesh(ellipsoid([140, 150, 190], 20, 30));
   if ((m = /^\/api\/lines\/(\d+)$/.exec(path))) return lines(made, Number(m[1]));
