@@ -15,14 +15,14 @@ import { PickedPanel, Panels, comparison, legend } from './panels.ts';
 import { neighbours, pickInSpace, pickOnImage } from './pick.ts';
 import type { Picked } from './pick.ts';
 import { Lately, step } from './player.ts';
-import { MISSING } from './protocol.ts';
+import { MISSING, poseAt } from './protocol.ts';
 import type { Mesh, Projected, Rows, StrandDetails, StrandSet, Strands, Take, Values, Vec3, View } from './protocol.ts';
 import { Space } from './space.ts';
 import { Store, clampFrame, firstState, fromHash, toHash } from './state.ts';
 import type { State } from './state.ts';
 import type { StrandCloud } from './strands.ts';
 import { Timeline } from './timeline.ts';
-import { FULL, MOVING, Requests, attributeOf, footageLevel, isDone, movingLevel, paths, setOf, shownSets, wants } from './wants.ts';
+import { MOVING, Requests, attributeOf, footageLevel, fullLevel, imageWidth, isDone, movingLevel, paths, setOf, shownSets, wants } from './wants.ts';
 import type { Level, Moment } from './wants.ts';
 
 const CACHE_BYTES = 256 * 2 ** 20;
@@ -35,6 +35,7 @@ interface Shown {
   set: StrandSet;
   frame: number;
   level: Level;
+  full: boolean;
   strands: Strands;
   values: Float32Array | null;
 }
@@ -106,6 +107,7 @@ export class App {
     this.store.listen((state, before) => this.changed(state, before));
     this.refreshSoon();
     this.clock(performance.now());
+    for (const note of take.notes ?? []) this.notices.say(note.fact, note.hint);
     if (take.sets.every((set) => set.done.length === 0)) {
       this.notices.say('This take has no strands yet.', 'Run `strandflow run` on it; footage, cameras and what is finished are shown already.', true);
     }
@@ -140,7 +142,7 @@ export class App {
       points: a?.strands.points ?? 0,
       otherStrands: b?.strands.strands ?? 0,
       otherFrame: b?.frame ?? null,
-      full: a !== null && a.level === FULL,
+      full: a?.full ?? false,
       atRest: !this.moving && (state.mode === 'footage' ? this.loader.idle : this.complete(0) && this.complete(1)),
       idle: this.loader.idle && !this.due,
       cacheBytes: this.cache.bytes,
@@ -173,7 +175,7 @@ export class App {
   /** All of a set's frame is shown, or there is none. */
   private complete(which: 0 | 1): boolean {
     const shown = this.shown[which];
-    return !this.hasFrame(which) || (shown !== null && shown.frame === this.store.state.frame && shown.level === FULL);
+    return !this.hasFrame(which) || (shown !== null && shown.frame === this.store.state.frame && shown.full);
   }
 
   private hasFrame(which: 0 | 1): boolean {
@@ -234,7 +236,7 @@ export class App {
     const { state } = this.store;
     const full = this.shown[0];
     if (!state.isolated || state.selected === null) this.isolated = null;
-    else if (full?.level === FULL) this.isolated = new Set(neighbours(full.strands, state.selected, NEIGHBOURS));
+    else if (full?.full) this.isolated = new Set(neighbours(full.strands, state.selected, NEIGHBOURS));
     // Else as soon as all strands are here.
     this.applyIsolation();
   }
@@ -283,7 +285,7 @@ export class App {
     if (state.mode === 'footage') {
       const views = state.view ? [state.view] : this.take.views.map((view) => view.name);
       return shownSets(moment).every((set) => !isDone(set, frame) || !state.layers.strands || views.every((view) => here(paths.projected(set, view, frame, footageLevel(moment, set)))))
-        && (!state.layers.footage || this.take.views.every((view) => !views.includes(view.name) || !view.footage || here(paths.image(view.name, frame))));
+        && (!state.layers.footage || this.take.views.every((view) => !views.includes(view.name) || !view.footage || here(paths.image(view.name, frame, imageWidth(state)))));
     }
     return shownSets(moment).every((set) => {
       if (!isDone(set, frame)) return true;
@@ -348,11 +350,10 @@ export class App {
     space.floor.object.visible = layers.floor;
     for (const frustum of space.frusta) {
       frustum.object.visible = layers.cameras;
-      if (layers.cameras) frustum.picture(layers.images ? loader.get<ImageBitmap>(paths.image(frustum.view.name, state.frame)) : null);
+      if (layers.cameras) frustum.picture(layers.images ? loader.get<ImageBitmap>(paths.image(frustum.view.name, state.frame, imageWidth(state))) : null);
     }
     const knewHead = space.headMiddle() !== null;
-    const { first, poses } = take.world_from_head;
-    space.pose(poses[Math.min(poses.length - 1, Math.max(0, frame - first))], state.follow);
+    space.pose(poseAt(take.world_from_head, frame), state.follow);
     if (knewHead && !state.camera && !this.looked) {
       // The first look is settled once the head is known, and is then the user's.
       this.looked = true;
@@ -364,7 +365,7 @@ export class App {
     const seen = [
       frame, state.layers, state.width, state.follow, state.layout, state.by, state.selected, scale?.table, ...(scale?.range ?? [0, 0]),
       ...this.shown.flatMap((s) => [s?.strands, s?.values]), this.space.seen(), one,
-      ...space.frusta.map((f) => layers.images && loader.has(paths.image(f.view.name, state.frame))),
+      ...space.frusta.map((f) => layers.images && loader.has(paths.image(f.view.name, state.frame, imageWidth(state)))),
     ];
     if (seen.some((thing, i) => thing !== this.seen[i])) space.touch();
     this.seen = seen;
@@ -391,16 +392,16 @@ export class App {
       return values || this.loader.isRefused(path) ? { strands, values: values?.values ?? null } : null;
     };
     const coarse = movingLevel(moment, set);
-    const full = moment.moving ? null : here(FULL);
+    const full = moment.moving ? null : here(fullLevel(set));
     const best = full ?? here(coarse);
     if (!best) {
       if (!this.shown[which]) cloud.hide();
       return;
     }
-    const level = full ? FULL : coarse;
+    const level = full ? fullLevel(set) : coarse;
     cloud.show(best.strands, 0, level.stride);
     const values = this.valuesOf(state, best.strands, level, best.values);
-    this.shown[which] = { set, frame: state.frame, level, strands: best.strands, values };
+    this.shown[which] = { set, frame: state.frame, level, full: full !== null, strands: best.strands, values };
     const overlaid = which === 1 && state.layout === 'over';
     if (overlaid) cloud.flat(rgb(this.inks.second));
     else if (this.scale && values) cloud.coloured(values, this.scale.table, this.scale.range, this.scale.categories !== undefined);
@@ -422,8 +423,7 @@ export class App {
 
   /** The direction of each root about the head's upright axis, 0 to 1; in head space, so that it stays with the strand. */
   private rootHues(s: Strands, frame: number): Float32Array {
-    const { first, poses } = this.take.world_from_head;
-    const pose = poses[Math.min(poses.length - 1, Math.max(0, frame - first))];
+    const pose = poseAt(this.take.world_from_head, frame);
     const headFromWorld = new THREE.Matrix4();
     if (pose) headFromWorld.fromArray(pose).transpose().invert();
     const up = this.space.camera.up.clone();
@@ -476,7 +476,7 @@ export class App {
     const { loader, take } = this;
     const of = (layer: 'footage' | 'masks' | 'orientation', path: string) => (state.layers[layer] ? loader.get<ImageBitmap>(path) : undefined);
     const picture: Picture = {
-      image: of('footage', paths.image(view.name, state.frame)),
+      image: of('footage', paths.image(view.name, state.frame, imageWidth(state))),
       mask: take.layers.masks ? of('masks', paths.mask(view.name, state.frame)) : undefined,
       orientation: take.layers.orientation ? of('orientation', paths.orientation(view.name, state.frame)) : undefined,
       strands: [],
@@ -536,7 +536,7 @@ export class App {
     const { inks } = this;
     this.timeline.buffered((frame) => {
       if (!set || !isDone(set, frame)) return 0;
-      if (moment.state.mode === 'space' && this.loader.has(paths.strands(set, frame, FULL))) return 3;
+      if (moment.state.mode === 'space' && this.loader.has(paths.strands(set, frame, fullLevel(set)))) return 3;
       return this.ready(moment, frame) ? 2 : 1;
     }, [inks.none, inks.not, inks.coarse, inks.all]);
   }
@@ -546,7 +546,7 @@ export class App {
     const [a] = this.shown;
     const lines: string[] = [];
     if (state.mode === 'space' && a) {
-      const all = a.level === FULL;
+      const all = a.full;
       lines.push(`${a.strands.strands.toLocaleString('en')}${all ? '' : ` of ${a.set.strands.toLocaleString('en')}`} strands × ${a.strands.points} points`);
     }
     if (state.playing && this.fps.value) lines.push(`${(1000 / this.fps.value).toFixed(0)} frames/s`);
@@ -559,7 +559,7 @@ export class App {
     const now = performance.now();
     const since = now - this.lastDraw;
     this.lastDraw = now;
-    if (this.turning && since < 1000 && this.shown[0]?.level === FULL) this.fullPace.add(since);
+    if (this.turning && since < 1000 && this.shown[0]?.full) this.fullPace.add(since);
     if (this.store.state.playing && since < 1000) this.fps.add(since);
     const { state } = this.store;
     const box = byId('canvas');

@@ -59,23 +59,26 @@ export const MAPS = {
 };
 
 /** Okabe and Ito's colours, told apart with any colour vision. */
-const PROVENANCE: Record<string, string> = {
+const KNOWN: Record<string, string> = {
   missing: '8a8a8a',
+  kept: '009e73',
   observed: '009e73',
   diffused: '56b4e9',
   simulated: 'e69f00',
   completed: 'cc79a7',
 };
-const MORE = ['0072b2', 'd55e00', 'f0e442', '009e73', 'cc79a7', '56b4e9', 'e69f00'];
+const MORE = ['0072b2', 'd55e00', 'e69f00', 'cc79a7', '56b4e9', 'f0e442'];
 
 export function categoryColour(name: string, index: number): Rgb {
-  const n = parseInt(PROVENANCE[name] ?? MORE[index % MORE.length], 16);
+  const n = parseInt(KNOWN[name] ?? MORE[index % MORE.length], 16);
   return [n >> 16, (n >> 8) & 255, n & 255];
 }
 
 /** How numbers become colours: a table over a range; `steps` where the numbers are categories. */
 export interface Scale {
   title: string;
+  /** The title in more words. */
+  about: string;
   unit: string;
   range: [number, number];
   table: Table;
@@ -90,23 +93,24 @@ function mapOf(attribute: Attribute): Table {
 
 export function scaleOf(attribute: Attribute, range: [number, number] | null): Scale {
   const title = words(attribute.name);
+  const about = attribute.title ?? '';
   if (attribute.categories) {
     const names = attribute.categories;
     const colours = table((at) => {
       const i = Math.min(names.length - 1, Math.floor(at * names.length));
       return categoryColour(names[i], i);
     });
-    return { title, unit: '', range: [-0.5, names.length - 0.5], table: colours, categories: names };
+    return { title, about, unit: '', range: [-0.5, names.length - 0.5], table: colours, categories: names };
   }
   let [lo, hi] = range ?? attribute.range;
   // A map with a middle is honest only with zero in its middle.
   if (!range && lo < 0 && hi > 0) [lo, hi] = [-Math.max(-lo, hi), Math.max(-lo, hi)];
   if (!(hi > lo)) hi = lo + 1;
-  return { title, unit: attribute.unit, range: [lo, hi], table: mapOf(attribute) };
+  return { title, about, unit: attribute.unit, range: [lo, hi], table: mapOf(attribute) };
 }
 
-export const STRAND_SCALE: Scale = { title: 'Strand number', unit: '', range: [0, 1], table: MAPS.hues };
-export const ROOT_SCALE: Scale = { title: 'Root direction', unit: '', range: [0, 1], table: MAPS.hues };
+export const STRAND_SCALE: Scale = { title: 'Strand number', about: 'neighbours by number differ most', unit: '', range: [0, 1], table: MAPS.hues };
+export const ROOT_SCALE: Scale = { title: 'Root direction', about: 'about the head’s upright axis', unit: '', range: [0, 1], table: MAPS.hues };
 
 /** A hue for every strand; neighbours by number differ most (golden section). */
 export function strandHues(first: number, stride: number, strands: number): Float32Array {

@@ -107,7 +107,7 @@ export class Panels {
       el('option', { value: 'hair' }, 'Hair'),
       el('option', { value: 'strand' }, 'Strand number'),
       el('option', { value: 'root' }, 'Root direction'),
-      ...take.attributes.map((a) => el('option', { value: a.name }, a.unit ? `${words(a.name)} (${a.unit})` : words(a.name))),
+      ...take.attributes.map((a) => el('option', { value: a.name, title: a.title ?? '' }, a.unit ? `${words(a.name)} (${a.unit})` : words(a.name))),
     );
     this.by.addEventListener('change', () => store.set({ by: this.by.value, range: null }));
     const [lo, hi] = [byId<HTMLInputElement>('range-lo'), byId<HTMLInputElement>('range-hi')];
@@ -185,7 +185,7 @@ export class Panels {
     for (const option of this.by.options) {
       const known = ['hair', 'strand', 'root'].includes(option.value) || set?.attributes.includes(option.value) === true;
       option.disabled = !known;
-      option.title = known ? '' : `${state.set} does not have it`;
+      if (!known) option.title = `${state.set} does not have it`;
     }
     for (const [layer, box] of this.boxes) box.checked = state.layers[layer] && !box.disabled;
     for (const label of byId('layers').children as HTMLCollectionOf<HTMLElement>) label.hidden = !['', state.mode].includes(label.dataset.mode!);
@@ -211,6 +211,7 @@ export function legend(scale: Scale | null, notes: string[]): void {
   const parts: (Node | string)[] = [];
   if (scale) {
     parts.push(el('b', {}, scale.unit ? `${scale.title}, ${scale.unit}` : scale.title));
+    if (scale.about && scale.about.toLowerCase() !== scale.title.toLowerCase()) parts.push(el('p', {}, scale.about));
     if (scale.categories) {
       const items = scale.categories.map((name, i) => {
         const swatch = el('span', { className: 'swatch' });
@@ -290,6 +291,7 @@ export class PickedPanel {
     fact('Speed now', '', 'speed');
     if (details.error_mm) fact('Error to truth now', '', 'error');
     if (details.residual_mm !== undefined && details.residual_mm !== null) fact('Residual of the fit', `${number(details.residual_mm)} mm`);
+    if (details.confidence !== undefined && details.confidence !== null) fact('Confidence', number(details.confidence));
     fact('Points', String(details.points));
     fact('Frames', String(details.length_mm.filter((v) => v !== null && Number.isFinite(v)).length));
 
@@ -310,6 +312,7 @@ export class PickedPanel {
     const made = [
       plot('Length', 'mm', details.frames, details.length_mm, this.deeds.go),
       plot('Speed', 'mm/s', details.frames, details.speed_mm_s, this.deeds.go),
+      details.relative_speed_mm_s ? plot('Speed beside the head’s', 'mm/s', details.frames, details.relative_speed_mm_s, this.deeds.go) : null,
       details.error_mm ? plot('Error to truth', 'mm', details.frames, details.error_mm, this.deeds.go) : null,
     ];
     this.plots = made.filter((p): p is Plot => p !== null);

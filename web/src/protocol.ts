@@ -14,6 +14,7 @@ export interface View {
   camera_from_world: number[];
   center: Vec3;
   footage: boolean;
+  held_out?: boolean;
 }
 
 export interface StrandSet {
@@ -29,6 +30,8 @@ export interface StrandSet {
 
 export interface Attribute {
   name: string;
+  /** What it is, in words. */
+  title?: string;
   per: 'point' | 'strand';
   unit: string;
   range: [number, number];
@@ -40,20 +43,25 @@ export interface Take {
   fps: number;
   frames: [number, number];
   gravity: Vec3;
-  world_from_head: { first: number; poses: number[][] };
+  /** Row-major 4×4; null where a number is not finite. */
+  world_from_head: { first: number; poses: (number | null)[][] };
   bounds: { lo: Vec3; hi: Vec3 };
   views: View[];
   sets: StrandSet[];
   attributes: Attribute[];
   layers: Record<string, boolean | undefined>;
   stages: { name: string; state: string; detail?: string }[];
+  /** What is missing, and what to do about it. */
+  notes?: { fact: string; hint: string }[];
 }
 
 export interface StrandDetails {
   frames: number[];
   length_mm: (number | null)[];
   speed_mm_s: (number | null)[];
+  relative_speed_mm_s?: (number | null)[];
   error_mm?: (number | null)[];
+  confidence?: number | null;
   provenance: Record<string, number>;
   parameters?: Record<string, number | null>;
   residual_mm?: number | null;
@@ -157,4 +165,14 @@ export function position(s: Strands, strand: number, point: number): Vec3 | null
   const at = (strand * s.points + point) * 3;
   if (s.xyz[at] === MISSING) return null;
   return [s.lo[0] + s.xyz[at] * s.step[0], s.lo[1] + s.xyz[at + 1] * s.step[1], s.lo[2] + s.xyz[at + 2] * s.step[2]];
+}
+
+/** The head's pose in a frame, row-major; beyond the frames that have one, the nearest one's. */
+export function poseAt({ first, poses }: Take['world_from_head'], frame: number): number[] | undefined {
+  const at = Math.min(poses.length - 1, Math.max(0, frame - first));
+  const known = (pose: (number | null)[] | undefined): pose is number[] => pose?.length === 16 && pose.every((v) => v !== null);
+  for (let off = 0; off < poses.length; off++) {
+    for (const pose of [poses[at - off], poses[at + off]]) if (known(pose)) return pose;
+  }
+  return undefined;
 }

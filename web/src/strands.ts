@@ -66,7 +66,7 @@ vec3 lit(vec3 t, vec3 v, vec3 n, float toTip, int strand, vec3 base) {
 }
 
 vec3 baseColour(int row, int index, float toTip) {
-  if (colouring == 0) return mix(hairRoot, hairTip, smoothstep(0.05, 1.0, toTip));
+  if (colouring == 0) return mix(hairRoot, hairTip, smoothstep(0.0, 0.75, toTip));
   if (colouring == 2) return flatColour;
   float value = texelFetch(values, texel(perStrand ? row : index), 0).r;
   if (value < -1e38) return noValue;

@@ -12,7 +12,8 @@ export interface Level {
   points: number;
 }
 
-export const FULL: Level = { stride: 1, points: 0 };
+/** Points of a frame that a browser holds and draws with ease. */
+const MOST_POINTS = 1_000_000;
 /** Strands that are drawn while frames change. */
 export const MOVING: Record<Detail, number> = { coarse: 700, auto: 2000, normal: 2000, fine: 8000 };
 const MOVING_POINTS = 14;
@@ -23,6 +24,11 @@ const AHEAD_IMAGES = 3;
 /** The level for at most `most` strands of a set; never more points than the store has. */
 export function level(set: StrandSet, most: number, points = MOVING_POINTS): Level {
   return { stride: Math.max(1, Math.ceil(set.strands / most)), points: Math.min(points, set.points) };
+}
+
+/** All strands, with all points where that is possible. */
+export function fullLevel(set: StrandSet): Level {
+  return { stride: 1, points: set.strands * set.points <= MOST_POINTS ? 0 : Math.max(24, Math.floor(MOST_POINTS / set.strands)) };
 }
 
 const part = (set: StrandSet, l: Level) =>
@@ -36,12 +42,12 @@ export const paths = {
   projectedOne: (set: StrandSet, view: string, frame: number, index: number) =>
     `/api/project/${set.id}/${view}/${frame}?first=${index}&count=1&stride=1`,
   details: (set: StrandSet, index: number) => `/api/strand/${set.id}/${index}`,
-  image: (view: string, frame: number) => `/api/image/${view}/${frame}`,
+  image: (view: string, frame: number, width: number) => `/api/image/${view}/${frame}${width ? `?width=${width}` : ''}`,
   mask: (view: string, frame: number) => `/api/mask/${view}/${frame}`,
   orientation: (view: string, frame: number) => `/api/orientation/${view}/${frame}`,
   head: () => '/api/mesh/head',
   hull: (frame: number) => `/api/mesh/hull/${frame}`,
-  lines: (frame: number) => `/api/lines/${frame}`,
+  lines: (frame: number) => `/api/lines/${frame}?most=30000`,
   arrows: (frame: number) => `/api/arrows/${frame}?most=3000`,
 };
 
@@ -114,6 +120,9 @@ export function footageLevel(moment: Moment, set: StrandSet): Level {
   return moment.moving ? movingLevel(moment, set) : level(set, 8000, 24);
 }
 
+/** Pictures of many views at a time are small; 0: as large as they are. */
+export const imageWidth = (state: State) => (state.mode === 'space' ? 320 : state.view ? 0 : 480);
+
 /** The frames that come next, in the order in which they will be needed. */
 export function ahead(take: Take, frame: number, count: number, loop: boolean): number[] {
   const [lo, hi] = take.frames;
@@ -150,13 +159,13 @@ function inSpace(moment: Moment, requests: Requests): Wanted[] {
   for (const set of sets) frameOf(set, state.frame, movingLevel(moment, set));
   one(state.frame);
   if (take.layers.head) list.push(requests.binary(paths.head(), decodeMesh));
-  if (!moving) for (const set of sets) frameOf(set, state.frame, FULL);
+  if (!moving) for (const set of sets) frameOf(set, state.frame, fullLevel(set));
   if (state.selected !== null && sets[0]) list.push(requests.json(paths.details(sets[0], state.selected)));
   if (state.layers.hull && take.layers.hull) list.push(requests.binary(paths.hull(state.frame), decodeMesh, 'hull'));
   if (state.layers.lines && take.layers.lines) list.push(requests.binary(paths.lines(state.frame), decodeRows(7), 'lines'));
   if (state.layers.arrows && take.layers.arrows) list.push(requests.binary(paths.arrows(state.frame), decodeRows(6), 'arrows'));
   if (state.layers.cameras && state.layers.images) {
-    for (const view of take.views) if (view.footage) list.push({ ...requests.picture(paths.image(view.name, state.frame)), lane: `image ${view.name}` });
+    for (const view of take.views) if (view.footage) list.push({ ...requests.picture(paths.image(view.name, state.frame, imageWidth(state))), lane: `image ${view.name}` });
   }
   for (const frame of ahead(take, state.frame, AHEAD, state.loop)) {
     for (const set of sets) frameOf(set, frame, movingLevel(moment, set));
@@ -171,7 +180,7 @@ function onFootage(moment: Moment, requests: Requests): Wanted[] {
   const views = state.view ? take.views.filter((view) => view.name === state.view) : take.views;
   const frameOf = (frame: number) => {
     for (const view of views) {
-      if (state.layers.footage && view.footage) list.push(requests.picture(paths.image(view.name, frame)));
+      if (state.layers.footage && view.footage) list.push(requests.picture(paths.image(view.name, frame, imageWidth(state))));
       if (state.layers.masks && take.layers.masks) list.push(requests.picture(paths.mask(view.name, frame)));
       if (state.layers.orientation && take.layers.orientation) list.push(requests.picture(paths.orientation(view.name, frame)));
     }

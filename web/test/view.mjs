@@ -91,7 +91,7 @@ try {
   const take = await page.evaluate(async () => (await window.strandflow.app).take);
   let s = await rest('first look');
   const main = take.sets.find((x) => x.id === s.set);
-  check(main !== undefined && s.strands === main.strands && s.points >= 2, `first look: all ${s.strands} strands of ${s.set} with ${s.points} points`);
+  check(main !== undefined && s.strands === main.strands && s.points >= 8, `first look: all ${s.strands} strands of ${s.set} with ${s.points} points`);
   check(s.frame === main.done[Math.floor(main.done.length / 2)], `first look: middle frame ${s.frame}`);
   check(!page.url().includes('token='), 'the address does not hold the token');
   await layers('strands');
