@@ -1,6 +1,9 @@
 //! Requests to answers.
 
-use std::sync::Arc;
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, Ordering},
+};
 
 use axum::{
     Router,
@@ -99,9 +102,27 @@ fn told(status: StatusCode, error: &str, hint: &str) -> Response {
     answer(status, JSON, serde_json::json!({ "error": error, "hint": hint }).to_string())
 }
 
+/// Notes when nobody waits for an answer any more: a browser that scrubs gives requests up, and those that did not begin must
+/// not be in the way of the ones it wants.
+#[derive(Default)]
+struct Asked(Arc<AtomicBool>);
+
+impl Drop for Asked {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+fn nobody_waits() -> Refusal {
+    Refusal::bad("the request was given up", "ask again")
+}
+
 /// Runs what may read and compute on a thread of its own, so that other requests go on.
 async fn work(shared: Arc<Shared>, job: impl FnOnce(&dyn Answers) -> Reply + Send + 'static) -> Response {
-    match tokio::task::spawn_blocking(move || job(&*shared.answers)).await {
+    let asked = Asked::default();
+    let gone = asked.0.clone();
+    let begin = move || if gone.load(Ordering::Relaxed) { Err(nobody_waits()) } else { job(&*shared.answers) };
+    match tokio::task::spawn_blocking(begin).await {
         Ok(Ok((kind, bytes))) => answer(StatusCode::OK, kind, bytes),
         Ok(Err(refusal)) => {
             let status = StatusCode::from_u16(refusal.status()).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);

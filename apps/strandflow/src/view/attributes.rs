@@ -1,6 +1,7 @@
 //! What strands can be coloured by.
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 use strandflow_core::RigidTransform;
 use strandflow_engine::Item;
 use strandflow_eval::lengths::present_length;
@@ -197,10 +198,11 @@ fn errors(viewer: &Viewer, chosen: &Chosen, frame: usize) -> Result<PerStrand<f3
     let Some(truth) = truth else {
         return Err(Refusal::missing(format!("the truth has no frame {frame}"), "errors need the truth of the frame"));
     };
-    let positions = chosen.positions();
-    let PerStrand { points, values } = positions;
-    use rayon::prelude::*;
-    Ok(PerStrand { points, values: values.par_iter().map(|point| truth.distance(*point)).collect() })
+    let PerStrand { points, values } = chosen.positions();
+    let mut distances = vec![f32::NAN; values.len()];
+    let strands = distances.par_chunks_mut(points.max(1)).zip(values.par_chunks(points.max(1)));
+    strands.for_each(|(distances, strand)| truth.distances(strand, distances));
+    Ok(PerStrand { points, values: distances })
 }
 
 #[cfg(test)]

@@ -43,6 +43,9 @@ impl Chosen {
         let mut chosen =
             Self { numbers, points, resampled: selection.points.is_some(), parts: BTreeMap::new(), set: set.clone() };
         chosen.parts = chosen.blocks_of((source, parts), frame)?;
+        if !chosen.resampled {
+            chosen.points = chosen.longest();
+        }
         Ok(chosen)
     }
 
@@ -57,6 +60,14 @@ impl Chosen {
     ) -> Result<Option<BTreeMap<usize, Arc<Part>>>, Refusal> {
         let frame = frame.filter(|frame| self.set.has(read.0, *frame));
         frame.map(|frame| self.blocks_of(read, frame)).transpose()
+    }
+
+    /// Points up to the last one that any of the strands has, at least two: arrays are as wide as the longest strand could have
+    /// been, which after `grow` is more than twice of what there is.
+    fn longest(&self) -> usize {
+        let points =
+            |strand: &usize| self.strand(*strand).iter().rposition(|p| p.is_finite()).map_or(0, |last| last + 1);
+        self.numbers.par_iter().map(points).max().unwrap_or(0).max(2).min(self.set.points)
     }
 
     fn blocks_of(
@@ -113,7 +124,7 @@ impl Chosen {
     ) -> PerStrand<T> {
         self.each(self.points, missing, |strand, row| {
             if !self.resampled {
-                row.copy_from_slice(&own(strand));
+                row.copy_from_slice(&own(strand)[..row.len()]);
             } else if let Some(places) = places(self.strand(strand), row.len()) {
                 let own = own(strand);
                 row.iter_mut().zip(&places).for_each(|(to, place)| *to = mix(place, &own));

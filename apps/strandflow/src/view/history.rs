@@ -132,7 +132,8 @@ fn fitted(viewer: &Viewer, set: &Set, index: usize, history: &mut StrandHistory)
     if row.iter().all(|value| value.is_finite()) {
         history.parameters = Some(PARAMETERS.into_iter().zip(row.iter().map(|v| f64::from(*v))).collect());
     }
-    let residual: Vec<f32> = store.read("fit/residual_mm", &[index..index + 1]).map_err(of_set(set))?;
+    let strand = index..index + 1;
+    let residual: Vec<f32> = store.read("fit/residual_mm", std::slice::from_ref(&strand)).map_err(of_set(set))?;
     history.residual_mm = residual.first().map(|v| f64::from(*v)).filter(|v| v.is_finite());
     Ok(())
 }

@@ -1,8 +1,12 @@
-//! Ranges that show most values well: from a sample of the last set's middle frame.
+//! Ranges that show most values well: from a sample of the last stage's middle frame.
 
 use strandflow_view::{Selection, describe::Attribute};
 
-use super::{attributes, sets::Set, viewer::Viewer};
+use super::{
+    attributes,
+    sets::{Kind, Set},
+    viewer::Viewer,
+};
 
 /// Strands and points of the sample.
 const STRANDS: usize = 400;
@@ -14,8 +18,11 @@ const SHOWN: f64 = 0.98;
 pub fn attributes(viewer: &Viewer, sets: &[Set]) -> Vec<Attribute> {
     let mut all = attributes::all();
     for attribute in all.iter_mut().filter(|a| a.categories.is_none() && a.name != attributes::name::CONFIDENCE) {
-        // The last set that has it is the nearest to a result.
-        let largest = sets.iter().rev().find_map(|set| largest(viewer, set, attribute.name));
+        // The last stage that has it is the nearest to a result; truth and animations have their own ranges.
+        let is_stage = |set: &&Set| matches!(set.kind, Kind::Frames | Kind::Blocks);
+        let stages = sets.iter().rev().filter(is_stage);
+        let in_order = stages.chain(sets.iter().filter(|set| !is_stage(set)));
+        let largest = in_order.into_iter().find_map(|set| largest(viewer, set, attribute.name));
         let Some(most) = largest.filter(|most| *most > 0.0).map(rounded_up) else { continue };
         attribute.range = if attribute.range[0] < 0.0 { [-most, most] } else { [0.0, most] };
     }

@@ -10,7 +10,7 @@ use glam::Vec3;
 use strandflow_core::{FrameRange, Provenance};
 use strandflow_eval::{
     TruthError,
-    index::{SampleIndex, sample_polyline},
+    index::{SampleIndex, StrandSample, sample_polyline},
     truth,
 };
 use strandflow_view::Refusal;
@@ -161,19 +161,48 @@ impl TrueFrame {
         Self { points, offsets, index }
     }
 
-    /// Distance to the nearest true strand \[mm\], at most [`FARTHEST_MM`]; NaN of a point that is missing. The strand is that
-    /// of the nearest sample, so the distance may be too large by less than 2 mm where strands cross.
-    pub fn distance(&self, point: Vec3) -> f32 {
-        if !point.is_finite() {
-            return f32::NAN;
+    /// Distance of each point of a strand to the nearest true strand \[mm\], at most [`FARTHEST_MM`]; NaN of points that are
+    /// missing. The true strand is that of the nearest sample, so a distance may be too large by less than 2 mm where strands
+    /// cross.
+    pub fn distances(&self, points: &[Vec3], distances: &mut [f32]) {
+        // A point is not farther off than the one before it and the way between them: that bounds the search well, and what
+        // lies within a bound that is too large is most of the work.
+        let mut before: Option<(Vec3, f32)> = None;
+        for (point, distance) in points.iter().zip(distances) {
+            if !point.is_finite() {
+                *distance = f32::NAN;
+                continue;
+            }
+            let bound = before.map(|(p, d)| (d + p.distance(*point)) * 1.001 + 0.01);
+            let (to_sample, to_strand) = self.nearest(*point, bound);
+            before = to_sample.map(|sample| (*point, sample));
+            *distance = to_strand;
         }
-        let Some((sample, _)) = self.index.nearest(point, FARTHEST_MM, |_| true) else { return FARTHEST_MM };
+    }
+
+    /// Distances to the nearest sample, within reach, and to its strand; `bound`: one is at most so far.
+    fn nearest(&self, point: Vec3, bound: Option<f32>) -> (Option<f32>, f32) {
+        let mut radius = bound.unwrap_or(SPACING_MM).min(FARTHEST_MM);
+        let (sample, squared) = loop {
+            let mut best: Option<(StrandSample, f32)> = None;
+            self.index.within(point, radius, |sample, squared| {
+                if best.is_none_or(|(_, least)| squared < least) {
+                    best = Some((*sample, squared));
+                }
+                true
+            });
+            match best {
+                Some(best) => break best,
+                None if radius >= FARTHEST_MM => return (None, FARTHEST_MM),
+                None => radius = (radius * 1.5).min(FARTHEST_MM),
+            }
+        };
         let n = sample.strand as usize;
         let strand = &self.points[self.offsets[n] as usize..self.offsets[n + 1] as usize];
         let at = sample.parameter as usize;
         let (first, last) = (at.saturating_sub(1), (at + 2).min(strand.len().saturating_sub(1)));
         let near = strand[first..=last].windows(2).map(|pair| to_segment_squared(point, pair[0], pair[1]));
-        near.fold(FARTHEST_MM * FARTHEST_MM, f32::min).sqrt()
+        (Some(squared.sqrt()), near.fold(squared, f32::min).sqrt())
     }
 }
 
@@ -199,10 +228,13 @@ mod tests {
             ([50.0, 49.0, 0.0], 49.0),
             ([50.0, 900.0, 0.0], FARTHEST_MM),
         ];
-        for (point, expected) in cases {
-            let found = truth.distance(Vec3::from_array(point));
+        let mut points: Vec<Vec3> = cases.iter().map(|(point, _)| Vec3::from_array(*point)).collect();
+        points.insert(2, Vec3::NAN);
+        let mut found = vec![0.0; points.len()];
+        truth.distances(&points, &mut found);
+        assert!(found.remove(2).is_nan());
+        for ((point, expected), found) in cases.iter().zip(found) {
             assert!((found - expected).abs() < 1e-4, "{point:?}: {found} instead of {expected}");
         }
-        assert!(truth.distance(Vec3::NAN).is_nan());
     }
 }

@@ -64,7 +64,7 @@ impl Viewer {
         // Held meanwhile: requests for the same set wait instead of reading the same frames.
         let mut known = self.lengths.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((count, lengths)) = known.get(&set.id)
-            && *count == done.len()
+            && (*count, lengths.len()) == (done.len(), set.strands)
         {
             return Ok(lengths.clone());
         }
