@@ -14,6 +14,7 @@ import { Notices } from './notices.ts';
 import { PickedPanel, Panels, comparison, legend } from './panels.ts';
 import { neighbours, pickInSpace, pickOnImage } from './pick.ts';
 import type { Picked } from './pick.ts';
+import { Pace } from './pace.ts';
 import { Lately, step } from './player.ts';
 import { MISSING, poseAt } from './protocol.ts';
 import type { Mesh, Projected, Rows, StrandDetails, StrandSet, Strands, Take, Values, Vec3, View } from './protocol.ts';
@@ -22,7 +23,7 @@ import { Store, clampFrame, firstState, fromHash, toHash } from './state.ts';
 import type { State } from './state.ts';
 import type { StrandCloud } from './strands.ts';
 import { Timeline } from './timeline.ts';
-import { MOVING, Requests, attributeOf, footageLevel, fullLevel, imageWidth, isDone, movingLevel, paths, setOf, shownSets, wants } from './wants.ts';
+import { DETAIL, Requests, attributeOf, footageLevel, fullLevel, imageWidth, isDone, movingLevel, paths, setOf, shownSets, wants } from './wants.ts';
 import type { Level, Moment } from './wants.ts';
 
 const CACHE_BYTES = 256 * 2 ** 20;
@@ -56,18 +57,18 @@ export class App {
   private readonly labels: HTMLElement[];
   /** Colour ramps and per-strand numbers that are computed here, kept for what they were computed from. */
   private readonly derived = new WeakMap<Strands, Map<string, Float32Array>>();
+  private readonly hues = new WeakMap<Projected, Float32Array>();
   private scale: Scale | null = null;
   private isolated: Set<number> | null = null;
   private inks: Record<string, string> = {};
-  private most = MOVING.auto;
+  private readonly pace = new Pace();
   private movedAt = 0;
   private turning = false;
   private due = false;
   private restTimer = 0;
   private hashTimer = 0;
   private carry = 0;
-  private readonly pace = new Lately();
-  private readonly fullPace = new Lately(0.4);
+  private readonly fullTook = new Lately(0.5);
   private lastDraw = 0;
   private fps = new Lately(0.1);
   private framesPlayed = 0;
@@ -82,7 +83,7 @@ export class App {
       this.notices.error(error);
     });
     this.requests = new Requests(api);
-    this.space = new Space(byId('canvas'), take, () => this.drawn());
+    this.space = new Space(byId('canvas'), take, () => this.drawn(), (ms) => this.took(ms));
     this.footage = new Footage(byId('footage'), take.views, (view) => this.store.set({ view }), (u, v, reach) => this.pickOnFootage(u, v, reach));
     const go = (frame: number) => this.go(frame);
     const deeds = { home: () => this.home(), through: (view: string) => this.through(view), isolate: (on: boolean) => this.store.set({ isolated: on }), go };
@@ -143,8 +144,9 @@ export class App {
       otherStrands: b?.strands.strands ?? 0,
       otherFrame: b?.frame ?? null,
       full: a?.full ?? false,
-      atRest: !this.moving && (state.mode === 'footage' ? this.loader.idle : this.complete(0) && this.complete(1)),
-      idle: this.loader.idle && !this.due,
+      atRest: this.atRest,
+      idle: this.loader.idle,
+      drawMs: this.lastTook,
       cacheBytes: this.cache.bytes,
       cacheLimit: this.cache.limit,
       cacheEntries: this.cache.size,
@@ -163,13 +165,21 @@ export class App {
 
   private get moment(): Moment {
     const { state } = this.store;
-    return { state, take: this.take, moving: this.moving, most: state.detail === 'auto' ? this.most : MOVING[state.detail] };
+    return { state, take: this.take, moving: this.moving, ...(state.detail === 'auto' ? { most: this.pace.moving, rest: this.pace.rest } : DETAIL[state.detail]) };
   }
 
   /** Little detail while frames change, and while the camera turns where all of it is too slow for this machine. */
   private get moving(): boolean {
     const { state } = this.store;
-    return state.playing || performance.now() - this.movedAt < REST_MS || (this.turning && (this.fullPace.value ?? 0) > 70);
+    return state.playing || performance.now() - this.movedAt < REST_MS || (this.turning && (this.fullTook.value ?? 0) > 70);
+  }
+
+  /** All that the state asks for is on the screen; what is fetched ahead does not count. */
+  private get atRest(): boolean {
+    const { moment } = this;
+    if (this.moving || this.due) return false;
+    if (!wants(moment, this.requests, 0).every(({ path }) => this.loader.has(path) || this.loader.isRefused(path))) return false;
+    return moment.state.mode === 'footage' || (!this.space.busy && this.complete(0) && this.complete(1));
   }
 
   /** All of a set's frame is shown, or there is none. */
@@ -196,7 +206,6 @@ export class App {
     if (state.playing !== before.playing) {
       this.carry = 0;
       this.fps.forget();
-      this.pace.forget();
       this.restSoon();
     }
     if (state.set !== before.set) {
@@ -265,12 +274,6 @@ export class App {
     // A tab that slept does not jump ahead.
     const next = step(had, this.carry + (Math.min(ms, 500) / 1000) * this.take.fps * state.rate, this.take.frames, state.loop, (frame) => this.ready(moment, frame));
     this.carry = next.carry;
-    this.pace.add(ms);
-    // Where even little detail is slow, less has to do; what was fetched for the greater detail is of no use then.
-    if (state.detail === 'auto' && (this.pace.value ?? 0) > 55 && this.most > 500 && this.framesPlayed > 10) {
-      this.most = Math.ceil(this.most / 2);
-      this.pace.forget();
-    }
     if (next.ended) this.store.set({ playing: false });
     else if (next.frame !== had) {
       this.framesPlayed += 1;
@@ -392,13 +395,13 @@ export class App {
       return values || this.loader.isRefused(path) ? { strands, values: values?.values ?? null } : null;
     };
     const coarse = movingLevel(moment, set);
-    const full = moment.moving ? null : here(fullLevel(set));
+    const full = moment.moving ? null : here(fullLevel(set, moment.rest));
     const best = full ?? here(coarse);
     if (!best) {
       if (!this.shown[which]) cloud.hide();
       return;
     }
-    const level = full ? fullLevel(set) : coarse;
+    const level = full ? fullLevel(set, moment.rest) : coarse;
     cloud.show(best.strands, 0, level.stride);
     const values = this.valuesOf(state, best.strands, level, best.values);
     this.shown[which] = { set, frame: state.frame, level, full: full !== null, strands: best.strands, values };
@@ -506,15 +509,17 @@ export class App {
     if (!projected) return null;
     const attribute = attributeOf(moment, set);
     let values = attribute ? this.loader.get<Values>(paths.values(set, attribute.name, state.frame, level))?.values ?? null : null;
-    if (state.by === 'strand') values = strandHues(0, level.stride, projected.strands);
-    const isolated = this.isolated;
+    if (state.by === 'strand') {
+      this.hues.set(projected, (values = this.hues.get(projected) ?? strandHues(0, level.stride, projected.strands)));
+    }
     return {
       projected,
       values: second ? null : values,
       scale: second || !values ? null : this.scale,
       // Hair's own colour would not be seen on hair.
       colour: second ? rgb(this.inks.second) : [255, 196, 92],
-      visible: isolated ? (strand) => isolated.has(strand * level.stride) : null,
+      visible: this.isolated,
+      stride: level.stride,
     };
   }
 
@@ -536,7 +541,7 @@ export class App {
     const { inks } = this;
     this.timeline.buffered((frame) => {
       if (!set || !isDone(set, frame)) return 0;
-      if (moment.state.mode === 'space' && this.loader.has(paths.strands(set, frame, fullLevel(set)))) return 3;
+      if (moment.state.mode === 'space' && this.loader.has(paths.strands(set, frame, fullLevel(set, moment.rest)))) return 3;
       return this.ready(moment, frame) ? 2 : 1;
     }, [inks.none, inks.not, inks.coarse, inks.all]);
   }
@@ -554,12 +559,22 @@ export class App {
     byId('status').textContent = lines.join('\n');
   }
 
+  /** The card has finished a picture. */
+  private took(ms: number): void {
+    this.lastTook = ms;
+    const [a, b] = this.shown;
+    if (a?.full) this.fullTook.add(ms);
+    const points = [a, b].reduce((sum, s) => sum + (s ? s.strands.strands * s.strands.points : 0), 0);
+    if (this.pace.drew(points, ms) || this.store.state.playing) this.refreshSoon();
+  }
+
+  private lastTook = 0;
+
   /** After every drawing of the 3D picture. */
   private drawn(): void {
     const now = performance.now();
     const since = now - this.lastDraw;
     this.lastDraw = now;
-    if (this.turning && since < 1000 && this.shown[0]?.full) this.fullPace.add(since);
     if (this.store.state.playing && since < 1000) this.fps.add(since);
     const { state } = this.store;
     const box = byId('canvas');

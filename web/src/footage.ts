@@ -12,8 +12,9 @@ export interface Drawn {
   values: Float32Array | null;
   scale: Scale | null;
   colour: Rgb;
-  /** False for strands (by place in `projected`) that are hidden. */
-  visible: ((strand: number) => boolean) | null;
+  /** Numbers of the strands that are shown, where some are hidden; of every `stride`-th. */
+  visible: Set<number> | null;
+  stride: number;
 }
 
 export interface Picture {
@@ -31,11 +32,11 @@ const SHADES = 24;
 /** Strokes of one colour go to the canvas in one path: that is what makes thousands of them quick. */
 export function strokes(drawn: Drawn): Map<number, Path2D> {
   const paths = new Map<number, Path2D>();
-  const { projected: p, values, scale, visible } = drawn;
+  const { projected: p, values, scale, visible, stride } = drawn;
   const perStrand = values !== null && values.length === p.strands;
   const shades = scale?.categories ? 256 : SHADES;
   for (let strand = 0; strand < p.strands; strand++) {
-    if (visible && !visible(strand)) continue;
+    if (visible && !visible.has(strand * stride)) continue;
     let [pen, shade] = [null as Path2D | null, -2];
     for (let point = 0; point < p.points; point++) {
       const at = (strand * p.points + point) * 2;
@@ -71,6 +72,7 @@ class Tile {
   readonly node: HTMLElement;
   readonly canvas = el('canvas');
   private readonly note = el('span', { className: 'note' });
+  private seen: unknown[] = [];
 
   constructor(readonly view: View, open: () => void) {
     this.node = el(
@@ -86,6 +88,14 @@ class Tile {
     const ratio = Math.min(2, devicePixelRatio);
     const [width, height] = [Math.round(box.width * ratio), Math.round(box.height * ratio)];
     if (width === 0) return;
+    if (this.note.textContent !== picture.note) this.note.textContent = picture.note;
+    // Thousands of strokes are dear: only where something is new.
+    const seen = [
+      picture.image, picture.mask, picture.orientation, picture.mark, opacity, wide, width, height, picture.strands.length,
+      ...picture.strands.flatMap((d) => [d.projected, d.values, d.scale?.table, ...(d.scale?.range ?? []), ...d.colour, d.visible]),
+    ];
+    if (seen.length === this.seen.length && seen.every((thing, i) => thing === this.seen[i])) return;
+    this.seen = seen;
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
     const ink = canvas.getContext('2d')!;
     ink.setTransform(width / view.width, 0, 0, height / view.height, 0, 0);
@@ -107,7 +117,7 @@ class Tile {
       }
     }
     if (picture.mark) {
-      const path = strokes({ projected: picture.mark, values: null, scale: null, colour: [0, 0, 0], visible: null }).get(0);
+      const path = strokes({ projected: picture.mark, values: null, scale: null, colour: [0, 0, 0], visible: null, stride: 1 }).get(0);
       ink.globalAlpha = 1;
       for (const [colour, width] of [['#000', 4.5], ['#ff3d81', 2.6]] as const) {
         ink.strokeStyle = colour;
@@ -115,7 +125,6 @@ class Tile {
         if (path) ink.stroke(path);
       }
     }
-    if (this.note.textContent !== picture.note) this.note.textContent = picture.note;
   }
 }
 

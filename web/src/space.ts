@@ -40,7 +40,7 @@ export class Space {
   width = 0.5;
   renders = 0;
 
-  constructor(private readonly canvas: HTMLCanvasElement, private readonly take: Take, private readonly drawn: () => void) {
+  constructor(private readonly canvas: HTMLCanvasElement, private readonly take: Take, private readonly drawn: () => void, private readonly took: (ms: number) => void) {
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, powerPreference: 'high-performance' });
     this.renderer.autoClear = false;
     const down = new THREE.Vector3(...take.gravity);
@@ -67,9 +67,29 @@ export class Space {
     canvas.addEventListener('webglcontextrestored', () => this.touch());
     const loop = () => {
       requestAnimationFrame(loop);
-      if (this.dirty) this.draw();
+      if (this.done() && this.dirty) this.draw();
     };
     requestAnimationFrame(loop);
+  }
+
+  /**
+   * Whether the card has finished the last picture. None is begun before: pictures that queue up there are late when they
+   * appear, and all else on the page waits for them.
+   */
+  private done(): boolean {
+    if (!this.pending) return true;
+    const gl = this.renderer.getContext() as WebGL2RenderingContext;
+    if (!gl.isContextLost() && gl.getSyncParameter(this.pending.sync, gl.SYNC_STATUS) !== gl.SIGNALED) return false;
+    gl.deleteSync(this.pending.sync);
+    this.took(performance.now() - this.pending.since);
+    this.pending = null;
+    return true;
+  }
+
+  private pending: { sync: WebGLSync; since: number } | null = null;
+
+  get busy(): boolean {
+    return this.pending !== null || this.dirty;
   }
 
   touch(): void {
@@ -198,6 +218,7 @@ export class Space {
   private draw(): void {
     if (this.canvas.clientWidth === 0 || this.canvas.clientHeight === 0) return;
     this.dirty = false;
+    const since = performance.now();
     const panes = this.panes();
     const [eye, target] = [this.camera.position, this.orbit.target].map((p) => p.clone().applyMatrix4(this.world.matrix.clone().invert()));
     for (const frustum of this.frusta) frustum.stepAside(eye, target);
@@ -216,6 +237,10 @@ export class Space {
     }
     [this.a.mesh.visible, this.b.mesh.visible] = [a, b];
     this.renders += 1;
+    const gl = this.renderer.getContext() as WebGL2RenderingContext;
+    const sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    this.pending = sync && { sync, since };
     this.drawn();
   }
 }

@@ -1,6 +1,7 @@
 // What the page needs from the program for a state: a pure list of requests, most urgent first.
 
 import type { Api } from './api.ts';
+import { MOST_POINTS } from './pace.ts';
 import { decodeMesh, decodeProjected, decodeRows, decodeStrands, decodeValues } from './protocol.ts';
 import type { StrandSet, Take } from './protocol.ts';
 import type { Detail, State } from './state.ts';
@@ -12,23 +13,27 @@ export interface Level {
   points: number;
 }
 
-/** Points of a frame that a browser holds and draws with ease. */
-const MOST_POINTS = 1_000_000;
-/** Strands that are drawn while frames change. */
-export const MOVING: Record<Detail, number> = { coarse: 700, auto: 2000, normal: 2000, fine: 8000 };
+/** Strands while frames change, points of a frame at rest. What is automatic follows the machine (`Pace`). */
+export const DETAIL: Record<Exclude<Detail, 'auto'>, { most: number; rest: number }> = {
+  coarse: { most: 500, rest: 100_000 },
+  normal: { most: 2000, rest: MOST_POINTS },
+  fine: { most: 8000, rest: Infinity },
+};
 const MOVING_POINTS = 14;
 const SHEET: { strands: number; points: number } = { strands: 500, points: 12 };
 const AHEAD = 16;
-const AHEAD_IMAGES = 3;
+/** Pictures are large, and the program decodes them one by one. */
+const AHEAD_PICTURES = 3;
 
 /** The level for at most `most` strands of a set; never more points than the store has. */
 export function level(set: StrandSet, most: number, points = MOVING_POINTS): Level {
   return { stride: Math.max(1, Math.ceil(set.strands / most)), points: Math.min(points, set.points) };
 }
 
-/** All strands, with all points where that is possible. */
-export function fullLevel(set: StrandSet): Level {
-  return { stride: 1, points: set.strands * set.points <= MOST_POINTS ? 0 : Math.max(24, Math.floor(MOST_POINTS / set.strands)) };
+/** All strands, with all their points where no more than `rest` come together. */
+export function fullLevel(set: StrandSet, rest: number): Level {
+  if (set.strands * set.points <= rest) return { stride: 1, points: 0 };
+  return { stride: 1, points: Math.min(set.points, Math.max(12, Math.floor(rest / set.strands / 4) * 4)) };
 }
 
 const part = (set: StrandSet, l: Level) =>
@@ -92,8 +97,10 @@ export interface Moment {
   take: Take;
   /** Frames change, or the camera moves on a slow machine: little detail at once rather than all of it late. */
   moving: boolean;
-  /** Strands a frame while moving. */
+  /** Strands of a frame while moving. */
   most: number;
+  /** Points of a frame at rest. */
+  rest: number;
 }
 
 export const isDone = (set: StrandSet, frame: number) => set.done.includes(frame);
@@ -117,7 +124,7 @@ export function movingLevel(moment: Moment, set: StrandSet): Level {
 /** Level of the strands over the footage. */
 export function footageLevel(moment: Moment, set: StrandSet): Level {
   if (!moment.state.view) return level(set, SHEET.strands, SHEET.points);
-  return moment.moving ? movingLevel(moment, set) : level(set, 8000, 24);
+  return moment.moving || moment.rest < 200_000 ? movingLevel(moment, set) : level(set, 8000, 24);
 }
 
 /** Pictures of many views at a time are small; 0: as large as they are. */
@@ -135,11 +142,12 @@ export function ahead(take: Take, frame: number, count: number, loop: boolean): 
   return out;
 }
 
-export function wants(moment: Moment, requests: Requests): Wanted[] {
-  return moment.state.mode === 'space' ? inSpace(moment, requests) : onFootage(moment, requests);
+/** `most`: frames to fetch ahead of their time. */
+export function wants(moment: Moment, requests: Requests, most = moment.state.mode === 'space' ? AHEAD : AHEAD_PICTURES): Wanted[] {
+  return moment.state.mode === 'space' ? inSpace(moment, requests, most) : onFootage(moment, requests, most);
 }
 
-function inSpace(moment: Moment, requests: Requests): Wanted[] {
+function inSpace(moment: Moment, requests: Requests, most: number): Wanted[] {
   const { state, take, moving } = moment;
   const list: Wanted[] = [];
   const sets = shownSets(moment);
@@ -159,7 +167,7 @@ function inSpace(moment: Moment, requests: Requests): Wanted[] {
   for (const set of sets) frameOf(set, state.frame, movingLevel(moment, set));
   one(state.frame);
   if (take.layers.head) list.push(requests.binary(paths.head(), decodeMesh));
-  if (!moving) for (const set of sets) frameOf(set, state.frame, fullLevel(set));
+  if (!moving) for (const set of sets) frameOf(set, state.frame, fullLevel(set, moment.rest));
   if (state.selected !== null && sets[0]) list.push(requests.json(paths.details(sets[0], state.selected)));
   if (state.layers.hull && take.layers.hull) list.push(requests.binary(paths.hull(state.frame), decodeMesh, 'hull'));
   if (state.layers.lines && take.layers.lines) list.push(requests.binary(paths.lines(state.frame), decodeRows(7), 'lines'));
@@ -167,14 +175,14 @@ function inSpace(moment: Moment, requests: Requests): Wanted[] {
   if (state.layers.cameras && state.layers.images) {
     for (const view of take.views) if (view.footage) list.push({ ...requests.picture(paths.image(view.name, state.frame, imageWidth(state))), lane: `image ${view.name}` });
   }
-  for (const frame of ahead(take, state.frame, AHEAD, state.loop)) {
+  for (const frame of ahead(take, state.frame, most, state.loop)) {
     for (const set of sets) frameOf(set, frame, movingLevel(moment, set));
     one(frame);
   }
   return list;
 }
 
-function onFootage(moment: Moment, requests: Requests): Wanted[] {
+function onFootage(moment: Moment, requests: Requests, most: number): Wanted[] {
   const { state, take } = moment;
   const list: Wanted[] = [];
   const views = state.view ? take.views.filter((view) => view.name === state.view) : take.views;
@@ -200,6 +208,6 @@ function onFootage(moment: Moment, requests: Requests): Wanted[] {
   frameOf(state.frame);
   const set = shownSets(moment)[0];
   if (state.selected !== null && set) list.push(requests.json(paths.details(set, state.selected)));
-  for (const frame of ahead(take, state.frame, AHEAD_IMAGES, state.loop)) frameOf(frame);
+  for (const frame of ahead(take, state.frame, most, state.loop)) frameOf(frame);
   return list;
 }

@@ -3,6 +3,7 @@
 //   node test/view.mjs URL OUTDIR     against a running `strandflow view`
 //   node test/view.mjs mock OUTDIR    against the stand-in
 //
+// With PAGE=dist the page comes from dist/, not from the program, which holds the one it was built with.
 // Writes screenshots to OUTDIR; exit code 0 if all is as it should be. CHROMIUM names another browser than /usr/bin/chromium.
 
 import { mkdir } from 'node:fs/promises';
@@ -47,32 +48,43 @@ try {
     if (['http:', 'https:', 'ws:', 'wss:'].includes(to.protocol) && to.origin !== origin) trouble.push(`request to another host: ${to.host}`);
   });
 
+  if (process.env.PAGE) {
+    const types = { 'index.html': 'text/html', 'app.js': 'text/javascript', 'app.css': 'text/css' };
+    await page.route((to) => ['/', '/app.js', '/app.css'].includes(to.pathname), (route) => {
+      const name = new URL(route.request().url()).pathname.slice(1) || 'index.html';
+      return route.fulfill({ path: new URL(`../${process.env.PAGE}/${name}`, import.meta.url).pathname, contentType: types[name] });
+    });
+  }
+
   const state = () => page.evaluate(() => window.strandflow.state());
   const set = (change) => page.evaluate((c) => window.strandflow.set(c), change);
   const shot = (name) => page.screenshot({ path: `${out}/${name}.png` });
   const rest = (what) =>
-    page.waitForFunction(() => { const s = window.strandflow.state(); return s.atRest && s.idle; }, null, { polling: 100 }).then(state, () => { throw new Error(`did not come to rest: ${what}`); });
+    page.waitForFunction(() => { return window.strandflow.state().atRest; }, null, { polling: 50 }).then(state, () => { throw new Error(`did not come to rest: ${what}`); });
   /** Layers of the 3D picture that are on; all others are off. */
   const layers = (...on) =>
     set({ layers: Object.fromEntries(['head', 'cameras', 'images', 'hull', 'lines', 'arrows', 'roots', 'floor', 'footage', 'strands', 'masks', 'orientation'].map((n) => [n, on.includes(n)])) });
 
-  /** Share of pixels of a part of the page that differ from its first one, and their mean colour. */
-  const looks = async (clip) => {
-    const png = await page.screenshot({ clip });
-    return page.evaluate(async (base64) => {
+  /** Takes a picture of the page; tells of parts of it which share differs from the part's first pixel, and the mean colour. */
+  const looks = async (name, ...parts) => {
+    const png = await page.screenshot({ path: `${out}/${name}.png` });
+    return page.evaluate(async ({ base64, parts }) => {
       const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
       const bitmap = await createImageBitmap(new Blob([bytes], { type: 'image/png' }));
-      const ink = new OffscreenCanvas(bitmap.width, bitmap.height).getContext('2d');
+      const ink = new OffscreenCanvas(bitmap.width, bitmap.height).getContext('2d', { willReadFrequently: true });
       ink.drawImage(bitmap, 0, 0);
-      const { data } = ink.getImageData(0, 0, bitmap.width, bitmap.height);
-      const [mean, n] = [[0, 0, 0], data.length / 4];
-      let other = 0;
-      for (let i = 0; i < data.length; i += 4) {
-        if (Math.abs(data[i] - data[0]) + Math.abs(data[i + 1] - data[1]) + Math.abs(data[i + 2] - data[2]) > 24) other += 1;
-        for (let k = 0; k < 3; k++) mean[k] += data[i + k] / n;
-      }
-      return { other: other / n, mean };
-    }, png.toString('base64'));
+      return parts.map((part) => {
+        const [x, y, width, height] = [part.x, part.y, part.width, part.height].map(Math.round);
+        const { data } = ink.getImageData(x, y, width, height);
+        const [mean, n] = [[0, 0, 0], data.length / 4];
+        let other = 0;
+        for (let i = 0; i < data.length; i += 4) {
+          if (Math.abs(data[i] - data[0]) + Math.abs(data[i + 1] - data[1]) + Math.abs(data[i + 2] - data[2]) > 24) other += 1;
+          for (let k = 0; k < 3; k++) mean[k] += data[i + k] / n;
+        }
+        return { other: other / n, mean };
+      });
+    }, { base64: png.toString('base64'), parts });
   };
   const differ = (a, b) => Math.hypot(...a.mean.map((c, k) => c - b.mean[k]));
   const box = (id) => page.locator(id).boundingBox();
@@ -94,15 +106,12 @@ try {
   check(main !== undefined && s.strands === main.strands && s.points >= 8, `first look: all ${s.strands} strands of ${s.set} with ${s.points} points`);
   check(s.frame === main.done[Math.floor(main.done.length / 2)], `first look: middle frame ${s.frame}`);
   check(!page.url().includes('token='), 'the address does not hold the token');
+  await shot('first');
   await layers('strands');
   await rest('bare');
-  const hair = await looks(await middle('#canvas'));
-  const ground = await looks(await corner());
+  const [hair, ground] = await looks('strands', await middle('#canvas'), await corner());
   check(hair.other > 0.2 && differ(hair, ground) > 25, `hair in the middle of the picture (differs by ${differ(hair, ground).toFixed(0)})`);
   check(ground.other < 0.02, 'nothing in its corner');
-  await layers('strands', 'head', 'cameras', 'floor');
-  await rest('first look again');
-  await shot('first');
   const shown = s;
 
   // ---- colours
@@ -113,9 +122,9 @@ try {
     const about = take.attributes.find((a) => a.name === by);
     if (about?.categories) check(about.categories.every((c) => legend.includes(c)), `${by}: legend names ${legend}`);
     else check(legend.toLowerCase().includes(by.replaceAll('_', ' ').slice(0, 4)) && (!about?.unit || legend.includes(about.unit)), `${by}: legend says ${legend}`);
-    const now = await looks(await middle('#canvas'));
+    if (!['strand', 'provenance', 'speed', 'error'].includes(by)) continue;
+    const [now] = await looks(`by-${by}`, await middle('#canvas'));
     check(differ(now, hair) > 4, `${by}: colours differ from hair by ${differ(now, hair).toFixed(0)}`);
-    if (['provenance', 'speed', 'error'].includes(by)) await shot(`by-${by}`);
   }
   await page.selectOption('#by', 'hair');
   await rest('hair');
@@ -178,11 +187,9 @@ try {
     s = await rest('side by side');
     check(s.otherStrands > 0 && s.otherFrame === s.shownFrame, `side by side: ${s.otherStrands} strands of ${other.id}`);
     const b = await box('#canvas');
-    const halves = [];
-    for (const x of [0.25, 0.75]) halves.push(await looks({ x: b.x + b.width * x - 60, y: b.y + b.height * 0.35, width: 120, height: 150 }));
+    const halves = await looks('compare-side', ...[0.25, 0.75].map((x) => ({ x: b.x + b.width * x - 60, y: b.y + b.height * 0.35, width: 120, height: 150 })));
     check(halves.every((h) => differ(h, ground) > 15), 'hair in both halves');
     check((await page.locator('#panes div').count()) === 2, 'both are named');
-    await shot('compare-side');
     await page.click('#layout button[data-value=over]');
     await rest('overlaid');
     await page.waitForTimeout(200);
@@ -226,18 +233,17 @@ try {
     const tile = await middle('.tile:visible canvas', 0.9);
     await set({ opacity: 0 });
     await page.waitForTimeout(200);
-    const film = await looks(tile);
+    const [film] = await looks('footage-bare', tile);
     await set({ opacity: 1 });
     await page.waitForTimeout(200);
-    const over = await looks(tile);
+    const [over] = await looks('footage-one', tile);
     check(differ(film, over) > 1, `strands over the footage (differ by ${differ(film, over).toFixed(1)})`);
-    await shot('footage-one');
     await layers('footage', 'masks', 'orientation');
     await page.waitForTimeout(150);
     await rest('masks');
     await page.waitForTimeout(200);
-    if (take.layers.masks || take.layers.orientation) check(differ(film, await looks(tile)) > 1, 'masks and orientations over the footage');
-    await shot('footage-masks');
+    const [masked] = await looks('footage-masks', tile);
+    if (take.layers.masks || take.layers.orientation) check(differ(film, masked) > 1, 'masks and orientations over the footage');
     await page.keyboard.press('Escape');
     await page.keyboard.press('v');
   }
