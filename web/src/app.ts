@@ -88,7 +88,7 @@ export class App {
     const go = (frame: number) => this.go(frame);
     const deeds = { home: () => this.home(), through: (view: string) => this.through(view), isolate: (on: boolean) => this.store.set({ isolated: on }), go };
     this.panels = new Panels(take, this.store, deeds);
-    this.picked = new PickedPanel(byId('picked'), this.store, deeds);
+    this.picked = new PickedPanel(byId('picked'), take, this.store, deeds);
     this.timeline = new Timeline(take, this.store, go);
     this.labels = take.views.map((view) => el('button', { type: 'button', title: `Look through ${view.name}`, onclick: () => this.through(view.name) }, view.name));
     byId('labels').append(...this.labels);
@@ -548,11 +548,11 @@ export class App {
 
   private showStatus(moment: Moment): void {
     const { state } = moment;
-    const [a] = this.shown;
     const lines: string[] = [];
-    if (state.mode === 'space' && a) {
-      const all = a.full;
-      lines.push(`${a.strands.strands.toLocaleString('en')}${all ? '' : ` of ${a.set.strands.toLocaleString('en')}`} strands × ${a.strands.points} points`);
+    for (const shown of state.mode === 'space' ? this.shown : []) {
+      if (!shown) continue;
+      const { strands, points } = shown.strands;
+      lines.push(`${strands.toLocaleString('en')}${shown.full ? '' : ` of ${shown.set.strands.toLocaleString('en')}`} strands × ${points} points`);
     }
     if (state.playing && this.fps.value) lines.push(`${(1000 / this.fps.value).toFixed(0)} frames/s`);
     lines.push(`memory ${(this.cache.bytes / 2 ** 20).toFixed(0)} of ${CACHE_BYTES / 2 ** 20} MB`);
@@ -604,10 +604,15 @@ export class App {
   private watchPointer(): void {
     const canvas = byId<HTMLCanvasElement>('canvas');
     let down = { x: 0, y: 0 };
-    this.space.orbit.addEventListener('start', () => (this.turning = true));
+    let before = '';
+    this.space.orbit.addEventListener('start', () => {
+      this.turning = true;
+      before = JSON.stringify(this.space.looking);
+    });
     this.space.orbit.addEventListener('end', () => {
       this.turning = false;
-      this.store.set({ camera: this.space.looking });
+      // A click that only picks does not move the camera.
+      if (JSON.stringify(this.space.looking) !== before) this.store.set({ camera: this.space.looking });
     });
     this.space.orbit.addEventListener('change', () => this.turning && this.moving && this.refreshSoon());
     canvas.addEventListener('pointerdown', (event) => (down = { x: event.clientX, y: event.clientY }));

@@ -246,39 +246,63 @@ export class Frustum {
   }
 }
 
-/** A grid below the hair, across gravity, with 100 mm squares; red, green and blue axes and an arrow that falls. */
+/** A grid below the hair, across gravity, with 100 mm squares. */
 export class Floor {
-  readonly object = new THREE.Group();
-  private readonly grid: THREE.LineSegments<THREE.BufferGeometry, THREE.LineBasicMaterial>;
-  private readonly fall: THREE.ArrowHelper;
+  readonly object: THREE.LineSegments<THREE.BufferGeometry, THREE.LineBasicMaterial>;
 
   constructor(take: Take) {
-    const down = new THREE.Vector3(...take.gravity).normalize();
-    if (down.lengthSq() === 0) down.set(0, -1, 0);
+    const down = downwards(take);
     const [lo, hi] = [new THREE.Vector3(...take.bounds.lo), new THREE.Vector3(...take.bounds.hi)];
     const middle = lo.clone().add(hi).multiplyScalar(0.5);
     const size = hi.clone().sub(lo);
     const below = (Math.abs(size.x * down.x) + Math.abs(size.y * down.y) + Math.abs(size.z * down.z)) * 0.5 + 15;
-    this.object.position.copy(middle).addScaledVector(down, below);
-    this.object.quaternion.setFromUnitVectors(new THREE.Vector3(0, -1, 0), down);
     const half = 5;
     const places: number[] = [];
     for (let i = -half; i <= half; i++) {
       places.push(i * 100, 0, -half * 100, i * 100, 0, half * 100, -half * 100, 0, i * 100, half * 100, 0, i * 100);
     }
-    this.grid = new THREE.LineSegments(
+    this.object = new THREE.LineSegments(
       new THREE.BufferGeometry().setAttribute('position', new THREE.Float32BufferAttribute(places, 3)),
       new THREE.LineBasicMaterial({ transparent: true, opacity: 0.5 }),
     );
-    const axes = new THREE.AxesHelper(60);
-    axes.quaternion.copy(this.object.quaternion).invert();
-    axes.position.set(-half * 100, 1, half * 100);
-    this.fall = new THREE.ArrowHelper(new THREE.Vector3(0, -1, 0), new THREE.Vector3(-half * 100 + 90, 90, half * 100), 85, 0xffffff, 18, 10);
-    this.object.add(this.grid, axes, this.fall);
+    this.object.position.copy(middle).addScaledVector(down, below);
+    this.object.quaternion.setFromUnitVectors(new THREE.Vector3(0, -1, 0), down);
   }
 
-  ink(line: string, arrow: string): void {
-    this.grid.material.color.set(line);
-    this.fall.setColor(arrow);
+  ink(colour: string): void {
+    this.object.material.color.set(colour);
+  }
+}
+
+const downwards = (take: Take) => {
+  const down = new THREE.Vector3(...take.gravity).normalize();
+  return down.lengthSq() > 0 ? down : down.set(0, -1, 0);
+};
+
+/** A small picture in the corner: the world's axes (x red, y green, z blue), and an arrow that falls. */
+export class Compass {
+  static readonly SIZE = 76;
+  private readonly scene = new THREE.Scene();
+  private readonly camera = new THREE.OrthographicCamera(-1.15, 1.15, 1.15, -1.15, 0, 10);
+  private readonly fall: THREE.ArrowHelper;
+  private readonly turned = new THREE.Group();
+
+  constructor(take: Take) {
+    const axes = new THREE.AxesHelper(0.8);
+    axes.setColors('#e0524d', '#5aa832', '#4a86e0');
+    this.fall = new THREE.ArrowHelper(downwards(take), new THREE.Vector3(), 1, 0xffffff, 0.3, 0.18);
+    this.scene.add(this.turned.add(axes, this.fall));
+  }
+
+  ink(colour: string): void {
+    this.fall.setColor(colour);
+  }
+
+  draw(renderer: THREE.WebGLRenderer, eye: THREE.Camera, world: THREE.Matrix4): void {
+    this.turned.quaternion.setFromRotationMatrix(world);
+    this.camera.quaternion.copy(eye.quaternion);
+    this.camera.position.set(0, 0, 5).applyQuaternion(eye.quaternion);
+    renderer.clearDepth();
+    renderer.render(this.scene, this.camera);
   }
 }

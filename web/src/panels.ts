@@ -245,7 +245,7 @@ export class PickedPanel {
   private shown: StrandDetails | null = null;
   private readonly now = new Map<string, HTMLElement>();
 
-  constructor(private readonly room: HTMLElement, private readonly store: Store, private readonly deeds: Deeds) {}
+  constructor(private readonly room: HTMLElement, private readonly take: Take, private readonly store: Store, private readonly deeds: Deeds) {}
 
   show(state: State, details: StrandDetails | undefined): void {
     this.room.hidden = state.selected === null;
@@ -295,7 +295,8 @@ export class PickedPanel {
     fact('Points', String(details.points));
     fact('Frames', String(details.length_mm.filter((v) => v !== null && Number.isFinite(v)).length));
 
-    const shares = Object.entries(details.provenance).filter(([, share]) => share > 0);
+    const order = this.take.attributes.find((a) => a.name === 'provenance')?.categories ?? [];
+    const shares = Object.entries(details.provenance).filter(([, share]) => share > 0).sort((a, b) => order.indexOf(a[0]) - order.indexOf(b[0]));
     const bar = el('div', { className: 'share', role: 'img', 'aria-label': shares.map(([name, s]) => `${name} ${Math.round(s * 100)} %`).join(', ') });
     const list = el('ul', { className: 'shares' });
     for (const [i, [name, share]] of shares.entries()) {
@@ -312,7 +313,7 @@ export class PickedPanel {
     const made = [
       plot('Length', 'mm', details.frames, details.length_mm, this.deeds.go),
       plot('Speed', 'mm/s', details.frames, details.speed_mm_s, this.deeds.go),
-      details.relative_speed_mm_s ? plot('Speed beside the head’s', 'mm/s', details.frames, details.relative_speed_mm_s, this.deeds.go) : null,
+      details.relative_speed_mm_s ? plot('Speed relative to the head', 'mm/s', details.frames, details.relative_speed_mm_s, this.deeds.go) : null,
       details.error_mm ? plot('Error to truth', 'mm', details.frames, details.error_mm, this.deeds.go) : null,
     ];
     this.plots = made.filter((p): p is Plot => p !== null);

@@ -2,7 +2,7 @@
 
 import * as THREE from 'three';
 import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js';
-import { Arrows, Floor, Frustum, Head, Hull, Lines, Roots, matrix } from './layers.ts';
+import { Arrows, Compass, Floor, Frustum, Head, Hull, Lines, Roots, matrix } from './layers.ts';
 import type { Inks } from './layers.ts';
 import type { Camera } from './state.ts';
 import type { Take, Vec3, View } from './protocol.ts';
@@ -21,15 +21,16 @@ export class Space {
   readonly renderer: THREE.WebGLRenderer;
   readonly camera = new THREE.PerspectiveCamera(FOV, 1, 5, 50000);
   readonly orbit: OrbitControls;
-  readonly a = new StrandCloud();
-  readonly b = new StrandCloud();
-  readonly mark = new StrandCloud().mark();
+  readonly a: StrandCloud;
+  readonly b: StrandCloud;
+  readonly mark: StrandCloud;
   readonly head = new Head();
   readonly hull = new Hull();
   readonly lines = new Lines();
   readonly arrows = new Arrows();
   readonly roots = new Roots();
   readonly floor: Floor;
+  private readonly compass: Compass;
   readonly frusta: Frustum[];
   /** Holds all that is in world space; turned back by the head's motion, the head stands still. */
   private readonly world = new THREE.Group();
@@ -49,7 +50,10 @@ export class Space {
     this.orbit.zoomToCursor = true;
     this.orbit.zoomSpeed = 1.4;
     this.orbit.addEventListener('change', () => this.touch());
+    const [a, b, mark] = Array.from({ length: 3 }, () => new StrandCloud(this.size() * 0.6));
+    [this.a, this.b, this.mark] = [a, b, mark.mark()];
     this.floor = new Floor(take);
+    this.compass = new Compass(take);
     const reach = this.size() * 0.2;
     this.frusta = take.views.map((view) => new Frustum(view, reach));
     this.head.object.matrixAutoUpdate = false;
@@ -171,7 +175,8 @@ export class Space {
     this.head.object.material.color.set(inks.head);
     this.hull.ink(inks.hull);
     this.roots.ink(inks.accent);
-    this.floor.ink(inks.faint, inks.line);
+    this.floor.ink(inks.faint);
+    this.compass.ink(inks.line);
     for (const frustum of this.frusta) frustum.ink(inks.line);
     this.touch();
   }
@@ -236,6 +241,13 @@ export class Space {
       this.renderer.render(this.scene, this.camera);
     }
     [this.a.mesh.visible, this.b.mesh.visible] = [a, b];
+    if (this.floor.object.visible) {
+      const { x, width } = panes[panes.length - 1];
+      const place = [x + width - Compass.SIZE - 10, 10, Compass.SIZE, Compass.SIZE] as const;
+      this.renderer.setViewport(...place);
+      this.renderer.setScissor(...place);
+      this.compass.draw(this.renderer, this.camera, this.world.matrix);
+    }
     this.renders += 1;
     const gl = this.renderer.getContext() as WebGL2RenderingContext;
     const sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);

@@ -34,7 +34,7 @@ export interface State {
   detail: Detail;
   /** The enlarged view of the footage, or '' for all of them. */
   view: string;
-  /** Of the footage, of what lies over it. */
+  /** Of the strands over the footage. */
   opacity: number;
   selected: number | null;
   /** Only the picked strand and its neighbours are drawn. */
@@ -70,7 +70,7 @@ export function firstState(take: Take): State {
     width: 0.5,
     detail: 'auto',
     view: '',
-    opacity: 0.9,
+    opacity: 0.65,
     selected: null,
     isolated: false,
     camera: null,

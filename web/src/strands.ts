@@ -19,7 +19,7 @@ uniform usampler2D places;
 uniform sampler2D values, table, drawn;
 uniform vec3 lo, cell;
 uniform int points, first, stride;
-uniform float width, widening, pixel, leastPixels;
+uniform float width, widening, pixel, leastPixels, reach;
 uniform bool filtered, perStrand;
 uniform vec3 middle;
 uniform int colouring;          // 0 hair, 1 by value, 2 one colour
@@ -98,7 +98,9 @@ void main() {
   vec3 tangent = dot(along, along) < 1e-10 ? vec3(0.0, 1.0, 0.0) : normalize(along);
   vec3 eye = normalize(-p);
 
-  float toTip = float(point) / float(points - 1);
+  // By distance, not by number: a strand looks the same with few points as with many, and has its own length.
+  uvec3 root = texelFetch(places, texel(row * points), 0).xyz;
+  float toTip = missing(root) ? 0.5 : min(1.0, distance(p, place(root)) / reach);
   // Hair thins towards its tip. Thinner than about a pixel it would fall between the samples and break up into dashes.
   float millimetres = width * widening * (1.0 - 0.55 * toTip * toTip);
   float wide = max(millimetres, leastPixels * pixel * -p.z);
@@ -176,7 +178,8 @@ export class StrandCloud {
   private shown: Strands | null = null;
   private shownValues: Float32Array | null = null;
 
-  constructor() {
+  /** `reach`: mm from the root over which hair takes on the look of its tips. */
+  constructor(reach: number) {
     const byte = () => new THREE.DataTexture(new Uint8Array(4), 1, 1);
     this.uniforms = {
       places: { value: integers(1) },
@@ -189,6 +192,7 @@ export class StrandCloud {
       width: { value: 0.5 },
       widening: { value: 1 },
       pixel: { value: 0.001 },
+      reach: { value: reach },
       leastPixels: { value: 0.8 },
       filtered: { value: false },
       perStrand: { value: false },

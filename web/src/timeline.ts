@@ -59,8 +59,9 @@ export class Timeline {
     const wide = span / Math.max(1, hi - 1 - lo);
     for (let frame = lo; frame < hi; frame++) {
       ink.fillStyle = inks[at(frame)];
-      const x = inset + (frame - lo - 0.5) * wide;
-      ink.fillRect(Math.max(inset, x), 0, Math.ceil(Math.min(wide, inset + span - x)), 4);
+      // Whole pixels: else the ground shines through between one frame and the next.
+      const [from, to] = [-0.5, 0.5].map((off) => Math.round(inset + Math.min(span, Math.max(0, (frame - lo + off) * wide))));
+      ink.fillRect(from, 0, to - from, 4);
     }
   }
 }

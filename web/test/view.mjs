@@ -149,7 +149,7 @@ try {
   await layers('strands', 'head', 'cameras', 'images', 'floor');
   await page.waitForTimeout(150);
   await rest('images');
-  await page.evaluate(async () => { const a = await window.strandflow.app; const c = a.space.looking; a.space.look({ position: c.position.map((v, k) => c.target[k] + (v - c.target[k]) * 1.9), target: c.target }); });
+  await page.evaluate(async () => { const a = await window.strandflow.app; const c = a.space.looking; a.space.look({ position: c.position.map((v, k) => c.target[k] + (v - c.target[k]) * 4), target: c.target }); });
   await page.waitForTimeout(300);
   await shot('cameras');
   await page.click('#home');
