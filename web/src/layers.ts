@@ -255,7 +255,7 @@ export class Floor {
     const [lo, hi] = [new THREE.Vector3(...take.bounds.lo), new THREE.Vector3(...take.bounds.hi)];
     const middle = lo.clone().add(hi).multiplyScalar(0.5);
     const size = hi.clone().sub(lo);
-    const below = (Math.abs(size.x * down.x) + Math.abs(size.y * down.y) + Math.abs(size.z * down.z)) * 0.5 + 15;
+    const below = (Math.abs(size.x * down.x) + Math.abs(size.y * down.y) + Math.abs(size.z * down.z)) * 0.5 + 90;
     const half = 5;
     const places: number[] = [];
     for (let i = -half; i <= half; i++) {
