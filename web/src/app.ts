@@ -29,6 +29,8 @@ import type { Level, Moment } from './wants.ts';
 const CACHE_BYTES = 256 * 2 ** 20;
 /** After this long without a change of frame all detail is fetched. */
 const REST_MS = 180;
+/** A take that is being run grows; and a program that has ended is noticed. */
+const LOOK_AGAIN_MS = 10000;
 const NEIGHBOURS = 40;
 const PICK_PX = 12;
 
@@ -108,10 +110,21 @@ export class App {
     this.store.listen((state, before) => this.changed(state, before));
     this.refreshSoon();
     this.clock(performance.now());
+    setInterval(() => void this.lookAgain(api), LOOK_AGAIN_MS);
     for (const note of take.notes ?? []) this.notices.say(note.fact, note.hint);
     if (take.sets.every((set) => set.done.length === 0)) {
       this.notices.say('This take has no strands yet.', 'Run `strandflow run` on it; footage, cameras and what is finished are shown already.', true);
     }
+  }
+
+  /** Takes over which frames have been done since; what the controls would have to be built anew for, a reload shows. */
+  private async lookAgain(api: Api): Promise<void> {
+    const now = document.hidden ? null : await api.json<Take>('/api/take').catch(() => null);
+    if (!now) return;
+    const usable = (take: Take) => JSON.stringify([take.sets.map((set) => [set.id, set.done.length > 0]), take.layers]);
+    if (usable(now) !== usable(this.take)) this.notices.say('The take has more to show by now.', 'Reload the page to see it; it keeps the look.', true);
+    for (const set of this.take.sets) set.done = now.sets.find((s) => s.id === set.id)?.done ?? set.done;
+    this.refreshSoon();
   }
 
   // ---- what others call
@@ -313,7 +326,9 @@ export class App {
     const moment = this.moment;
     const { state } = moment;
     this.loader.want(wants(moment, this.requests));
-    this.panels.show(state);
+    // While playing only the frame changes, and the page's own drawing is not free either.
+    if (Object.entries(state).some(([key, value]) => !['frame', 'playing', 'camera'].includes(key) && this.panelsShow?.[key as keyof State] !== value)) this.panels.show(state);
+    this.panelsShow = state;
     this.timeline.show(state);
     const set = setOf(this.take, state.set);
     const attribute = this.take.attributes.find((a) => a.name === state.by);
@@ -374,6 +389,7 @@ export class App {
     this.seen = seen;
   }
 
+  private panelsShow: State | null = null;
   private looked = false;
   private seen: unknown[] = [];
 
@@ -458,6 +474,8 @@ export class App {
     return one;
   }
 
+  private panesSaid = '';
+
   private showPanes(state: State, sets: (StrandSet | undefined)[]): void {
     const split = this.space.split;
     const line = (set: StrandSet, second: boolean, frameThere: boolean) => [
@@ -465,6 +483,9 @@ export class App {
       !frameThere && el('span', {}, set.done.length ? `frame ${state.frame} is not computed` : 'no frames yet'),
     ];
     const panes = split || !sets[1] ? sets.map((set, i) => (set && (i === 0 || split) ? [line(set, i === 1, isDone(set, state.frame))] : [])) : [sets.map((set, i) => (set ? line(set, i === 1, isDone(set, state.frame)) : []))];
+    const said = JSON.stringify([split, sets.map((set) => set && [set.id, isDone(set, state.frame) || state.frame])]);
+    if (said === this.panesSaid) return;
+    this.panesSaid = said;
     byId('panes').replaceChildren(...panes.filter((lines) => lines.length > 0).map((lines) => el('div', {}, ...lines.flat())));
   }
 
@@ -556,7 +577,8 @@ export class App {
     }
     if (state.playing && this.fps.value) lines.push(`${(1000 / this.fps.value).toFixed(0)} frames/s`);
     lines.push(`memory ${(this.cache.bytes / 2 ** 20).toFixed(0)} of ${CACHE_BYTES / 2 ** 20} MB`);
-    byId('status').textContent = lines.join('\n');
+    const text = lines.join('\n');
+    if (byId('status').textContent !== text) byId('status').textContent = text;
   }
 
   /** The card has finished a picture. */
@@ -582,8 +604,9 @@ export class App {
       const label = this.labels[i];
       const at = state.layers.cameras && state.mode === 'space' && !frustum.aside ? this.space.onScreen(frustum.apex) : null;
       const inside = at !== null && at.x > 0 && at.y > 0 && at.x < (this.space.panes()[0].width) && at.y < box.clientHeight;
-      label.hidden = !inside;
-      if (inside) label.style.transform = `translate(${at.x.toFixed(1)}px, ${at.y.toFixed(1)}px) translate(-50%, -140%)`;
+      if (label.hidden === inside) label.hidden = !inside;
+      const move = inside ? `translate(${at.x.toFixed(0)}px, ${at.y.toFixed(0)}px) translate(-50%, -140%)` : '';
+      if (inside && label.style.transform !== move) label.style.transform = move;
     }
   }
 

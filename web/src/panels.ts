@@ -202,8 +202,13 @@ export class Panels {
   }
 }
 
+let legendSaid = '';
+
 /** What the colours mean. */
 export function legend(scale: Scale | null, notes: string[]): void {
+  const said = JSON.stringify([scale && [scale.title, scale.about, scale.unit, scale.range, scale.categories], notes]);
+  if (said === legendSaid) return;
+  legendSaid = said;
   const card = byId('legend');
   card.hidden = !scale && notes.length === 0;
   const range = byId('range');

@@ -19,6 +19,7 @@ export class Timeline {
   private readonly have = byId<HTMLCanvasElement>('have');
   private readonly rate = byId<HTMLSelectElement>('rate');
   private readonly loop = byId<HTMLInputElement>('loop');
+  private drawn = '';
 
   constructor(private readonly take: Take, store: Store, go: (frame: number) => void) {
     const [lo, hi] = take.frames;
@@ -51,6 +52,10 @@ export class Timeline {
     const { frames: [lo, hi] } = this.take;
     const width = Math.round(this.have.clientWidth * devicePixelRatio);
     if (width === 0) return;
+    const kinds = Array.from({ length: hi - lo }, (_, i) => at(lo + i));
+    const drawn = `${width} ${inks.join()} ${kinds.join('')}`;
+    if (drawn === this.drawn) return;
+    this.drawn = drawn;
     if (this.have.width !== width) this.have.width = width;
     this.have.height = 4;
     const ink = this.have.getContext('2d')!;
@@ -58,7 +63,7 @@ export class Timeline {
     const [inset, span] = [8 * devicePixelRatio, width - 16 * devicePixelRatio];
     const wide = span / Math.max(1, hi - 1 - lo);
     for (let frame = lo; frame < hi; frame++) {
-      ink.fillStyle = inks[at(frame)];
+      ink.fillStyle = inks[kinds[frame - lo]];
       // Whole pixels: else the ground shines through between one frame and the next.
       const [from, to] = [-0.5, 0.5].map((off) => Math.round(inset + Math.min(span, Math.max(0, (frame - lo + off) * wide))));
       ink.fillRect(from, 0, to - from, 4);

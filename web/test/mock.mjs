@@ -397,7 +397,10 @@ export async function serve({ strands = 8000, frames = 200, points = 32, views =
     }
   });
   await new Promise((done) => server.listen(port, '127.0.0.1', done));
-  return { url: `http://127.0.0.1:${server.address().port}/?token=${token}`, close: () => server.close() };
+  return { url: `http://127.0.0.1:${server.address().port}/?token=${token}`, close: () => {
+    server.close();
+    server.closeAllConnections();
+  } };
 }
 
 if (process.argv[1] === new URL(import.meta.url).pathname) {

@@ -117,12 +117,14 @@ try {
   // ---- colours
   for (const by of ['strand', 'root', ...main.attributes]) {
     await page.selectOption('#by', by);
-    await rest(by);
+    const looked = ['strand', 'provenance', 'speed', 'error'].includes(by);
+    if (looked) await rest(by);
+    else await page.waitForTimeout(150);
     const legend = (await page.locator('#legend').innerText()).replace(/\s+/g, ' ');
     const about = take.attributes.find((a) => a.name === by);
     if (about?.categories) check(about.categories.every((c) => legend.includes(c)), `${by}: legend names ${legend}`);
     else check(legend.toLowerCase().includes(by.replaceAll('_', ' ').slice(0, 4)) && (!about?.unit || legend.includes(about.unit)), `${by}: legend says ${legend}`);
-    if (!['strand', 'provenance', 'speed', 'error'].includes(by)) continue;
+    if (!looked) continue;
     const [now] = await looks(`by-${by}`, await middle('#canvas'));
     check(differ(now, hair) > 4, `${by}: colours differ from hair by ${differ(now, hair).toFixed(0)}`);
   }
@@ -263,6 +265,22 @@ try {
   await page.waitForTimeout(200);
   await shot('dark-narrow');
   check(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), 'nothing sticks out at 800 px');
+
+  // ---- a wrong token, and a program that has ended
+  const quiet = [...trouble];
+  const wary = await context.newPage();
+  await wary.goto(`${origin}/?token=wrong`);
+  await wary.waitForSelector('#cover input');
+  check((await wary.locator('#cover').innerText()).includes('token'), 'a wrong token is asked for again');
+  await wary.close();
+  if (mock) {
+    mock.close();
+    await page.keyboard.press('End');
+    await page.waitForSelector('.notice');
+    check((await page.locator('.notice').first().innerText()).includes('does not answer'), 'a program that has ended is said to have');
+    await shot('ended');
+  }
+  trouble.splice(0, Infinity, ...quiet);
 
   check(trouble.length === 0, `no errors, failed requests or other hosts${trouble.length ? `: ${[...new Set(trouble)].join('; ')}` : ''}`);
 } catch (error) {
