@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use rayon::prelude::*;
 use strandflow_core::{FrameRange, Rig};
-use strandflow_engine::{EngineError, Manifest, Plan, sources::read_rig, store::Store, take::RESULTS};
+use strandflow_engine::{EngineError, Manifest, Plan, manifest::View, sources::read_rig, store::Store, take::RESULTS};
 use strandflow_io::{TakeSource, ViewInput};
 use strandflow_view::{Refusal, describe::Note};
 
@@ -29,14 +30,17 @@ impl Source {
     pub fn open(root: &Path, truth: Option<&Path>) -> Result<Self, Failed> {
         let manifest = Manifest::read(root)?;
         let truth = truth.map(TruthFrames::open).transpose()?;
-        let mut notes = Vec::new();
-        let mut note = |error: EngineError| notes.push(Note { fact: error.to_string(), hint: error.hint() });
-        let rig = read_rig(root, &manifest).map_err(&mut note).ok();
-        let open = |view: &strandflow_engine::manifest::View| {
+        let note = |error: EngineError| Note { fact: error.to_string(), hint: error.hint() };
+        let rig = read_rig(root, &manifest).map_err(note);
+        let open = |view: &View| {
             let input = ViewInput::of(&root.join(&view.source));
-            TakeSource::open(&[(view.name.clone(), input)]).map_err(|error| note(error.into())).ok()
+            TakeSource::open(&[(view.name.clone(), input)]).map_err(|error| note(error.into()))
         };
-        let footage = manifest.views.iter().map(open).collect();
+        // A video is looked at by a program of its own.
+        let footage: Vec<Result<TakeSource, Note>> = manifest.views.par_iter().map(open).collect();
+        let missing = rig.as_ref().err().into_iter().chain(footage.iter().filter_map(|view| view.as_ref().err()));
+        let notes = missing.cloned().collect();
+        let (rig, footage) = (rig.ok(), footage.into_iter().map(Result::ok).collect());
         Ok(Self { root: root.to_owned(), manifest, rig, footage, truth, notes })
     }
 

@@ -165,24 +165,17 @@ impl TrueFrame {
     /// missing. The true strand is that of the nearest sample, so a distance may be too large by less than 2 mm where strands
     /// cross.
     pub fn distances(&self, points: &[Vec3], distances: &mut [f32]) {
-        // A point is not farther off than the one before it and the way between them: that bounds the search well, and what
-        // lies within a bound that is too large is most of the work.
-        let mut before: Option<(Vec3, f32)> = None;
+        // Neighbours on a strand are about as far off: where the search begins. Too wide a search is most of the work.
+        let mut before = 0.0f32;
         for (point, distance) in points.iter().zip(distances) {
-            if !point.is_finite() {
-                *distance = f32::NAN;
-                continue;
-            }
-            let bound = before.map(|(p, d)| (d + p.distance(*point)) * 1.001 + 0.01);
-            let (to_sample, to_strand) = self.nearest(*point, bound);
-            before = to_sample.map(|sample| (*point, sample));
-            *distance = to_strand;
+            *distance = if point.is_finite() { self.distance(*point, before) } else { f32::NAN };
+            before = if point.is_finite() { *distance } else { before };
         }
     }
 
-    /// Distances to the nearest sample, within reach, and to its strand; `bound`: one is at most so far.
-    fn nearest(&self, point: Vec3, bound: Option<f32>) -> (Option<f32>, f32) {
-        let mut radius = bound.unwrap_or(SPACING_MM).min(FARTHEST_MM);
+    /// Distance of a point whose neighbour is `before` away.
+    fn distance(&self, point: Vec3, before: f32) -> f32 {
+        let mut radius = (0.7 * before).clamp(SPACING_MM, FARTHEST_MM);
         let (sample, squared) = loop {
             let mut best: Option<(StrandSample, f32)> = None;
             self.index.within(point, radius, |sample, squared| {
@@ -193,8 +186,8 @@ impl TrueFrame {
             });
             match best {
                 Some(best) => break best,
-                None if radius >= FARTHEST_MM => return (None, FARTHEST_MM),
-                None => radius = (radius * 1.5).min(FARTHEST_MM),
+                None if radius >= FARTHEST_MM => return FARTHEST_MM,
+                None => radius = (radius * 1.4).min(FARTHEST_MM),
             }
         };
         let n = sample.strand as usize;
@@ -202,7 +195,7 @@ impl TrueFrame {
         let at = sample.parameter as usize;
         let (first, last) = (at.saturating_sub(1), (at + 2).min(strand.len().saturating_sub(1)));
         let near = strand[first..=last].windows(2).map(|pair| to_segment_squared(point, pair[0], pair[1]));
-        (Some(squared.sqrt()), near.fold(squared, f32::min).sqrt())
+        near.fold(squared, f32::min).sqrt()
     }
 }
 
