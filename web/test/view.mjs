@@ -119,7 +119,7 @@ try {
     await page.selectOption('#by', by);
     const looked = ['strand', 'provenance', 'speed', 'error'].includes(by);
     if (looked) await rest(by);
-    else await page.waitForTimeout(150);
+    else await page.waitForFunction((name) => document.getElementById('legend').innerText.toLowerCase().startsWith(name), by.replaceAll('_', ' '), { polling: 50 });
     const legend = (await page.locator('#legend').innerText()).replace(/\s+/g, ' ');
     const about = take.attributes.find((a) => a.name === by);
     if (about?.categories) check(about.categories.every((c) => legend.includes(c)), `${by}: legend names ${legend}`);
