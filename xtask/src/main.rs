@@ -1,12 +1,16 @@
-//! Set-up, checks and tests of the workspace: `cargo xtask setup | test`.
+//! Set-up, checks and tests of the workspace: `cargo xtask setup | web | test`.
 
 use std::{
+    fs,
     path::{Path, PathBuf},
     process::{Command, ExitCode},
+    time::SystemTime,
 };
 
 const USAGE: &str =
-    "cargo xtask setup    install what the tests use beyond Rust: ffmpeg, python3-openvdb, chromium, and foreign readers in target/python
+    "cargo xtask setup    install what the tests use beyond Rust: ffmpeg, python3-openvdb, Chromium, foreign readers in target/python,
+                     and build the page
+cargo xtask web      build the page of `strandflow view` into web/dist (needs Node); the next build of the program holds it
 cargo xtask test     setup, then all tests; what could not be installed is skipped and said so";
 
 fn main() -> ExitCode {
@@ -14,6 +18,7 @@ fn main() -> ExitCode {
     let strict = std::env::var_os("CI").is_some();
     let done = match task.as_str() {
         "setup" => setup(strict),
+        "web" => web(),
         "test" => setup(strict).and_then(|()| test()),
         _ => Err(format!("no such task: `{task}`\n{USAGE}")),
     };
@@ -26,13 +31,14 @@ fn main() -> ExitCode {
     }
 }
 
-/// Installs ffmpeg, python3-openvdb and chromium (Debian) and the foreign readers. `strict`: a missing thing is an error, else a notice.
+/// Installs Debian packages and the foreign readers, and builds the page. `strict`: a missing thing is an error, else a notice.
 fn setup(strict: bool) -> Result<(), String> {
     for (what, had) in [
         ("ffmpeg (videos)", ffmpeg()),
         ("python3-openvdb (volumes)", openvdb()),
         ("chromium (pages)", chromium()),
         ("alembic3d, numpy, usd-core, zarr (foreign readers)", readers()),
+        ("the page of `strandflow view`", node().and_then(|()| web())),
     ] {
         match had {
             Ok(()) => {}
@@ -47,13 +53,51 @@ fn ffmpeg() -> Result<(), String> {
     debian("ffmpeg", Command::new("ffmpeg").arg("-version"))
 }
 
-fn chromium() -> Result<(), String> {
-    debian("chromium", Command::new("chromium").arg("--version"))
-}
-
 /// Belongs to the system's interpreter; a virtual environment does not see it.
 fn openvdb() -> Result<(), String> {
     debian("python3-openvdb", Command::new("/usr/bin/python3").args(["-c", "import pyopenvdb"]))
+}
+
+fn chromium() -> Result<(), String> {
+    debian("chromium", Command::new("/usr/bin/chromium").arg("--version"))
+}
+
+/// Node with npm, which builds the page and drives the browser.
+fn node() -> Result<(), String> {
+    debian("nodejs", Command::new("node").arg("--version"))?;
+    debian("npm", Command::new("npm").arg("--version"))
+}
+
+/// Builds the page: third-party scripts by the lock file, then one bundle. The program builds without; it then says so.
+fn web() -> Result<(), String> {
+    let has = |program: &str| Command::new(program).arg("--version").output().is_ok_and(|o| o.status.success());
+    if let Some(missing) = ["node", "npm"].into_iter().find(|program| !has(program)) {
+        return Err(format!("`{missing}` is missing; install Node 20 or later with npm (Debian: nodejs npm)"));
+    }
+    let folder = root().join("web");
+    if page_is_new(&folder) {
+        return Ok(());
+    }
+    let npm = |args: &[&str]| run(Command::new("npm").current_dir(&folder).args(args));
+    npm(&["ci", "--no-audit", "--no-fund"])?;
+    npm(&["run", "build"])
+}
+
+/// Whether the page was built after its sources were last changed: built anew it would rebuild the program.
+fn page_is_new(folder: &Path) -> bool {
+    fn newest(path: &Path) -> Option<SystemTime> {
+        let name = path.file_name()?.to_str()?;
+        if ["node_modules", "dist", ".test"].contains(&name) {
+            return None;
+        }
+        match fs::read_dir(path) {
+            Ok(entries) => entries.flatten().filter_map(|entry| newest(&entry.path())).max(),
+            Err(_) => fs::metadata(path).and_then(|data| data.modified()).ok(),
+        }
+    }
+    let built = ["dist/index.html", "dist/app.js", "dist/app.css"].map(|file| folder.join(file));
+    let oldest = built.iter().map(|file| fs::metadata(file).and_then(|data| data.modified()).ok()).min().flatten();
+    folder.join("node_modules").is_dir() && oldest.is_some_and(|built| newest(folder).is_some_and(|made| made < built))
 }
 
 /// Installs a Debian package, unless the check says that it is there.

@@ -14,6 +14,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("eval", &["core", "geometry", "io"]),
     ("render", &["core", "geometry"]),
     ("report", &["core"]),
+    ("view", &["core"]),
     ("synth", &["core", "geometry", "dynamics"]),
     ("engine", &["core", "geometry", "image", "volume", "dynamics", "stages", "io"]),
 ];

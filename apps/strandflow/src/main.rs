@@ -27,6 +27,7 @@ mod scores;
 mod status;
 mod stdout;
 mod synth;
+mod view;
 
 use std::process::ExitCode;
 
@@ -53,6 +54,7 @@ fn main() -> ExitCode {
         Command::Overlay(args) => overlay::overlay(&args),
         Command::Render(args) => render::render(&args),
         Command::Report(args) => report::report(&args),
+        Command::View(args) => view::view(&args),
         Command::Synth(args) => synth::synth(&args),
         Command::Demo(args) => demo::demo(&args),
         Command::Bench(args) => bench::bench(&args),

@@ -62,6 +62,23 @@ impl Store {
         Ok(Scalp { mesh, roots: vectors("scalp/roots")?, normals: vectors("scalp/normals")? })
     }
 
+    /// Observed lines of a frame.
+    pub fn read_lines(&self, frame: usize) -> Result<SparseVoxels<Line>, EngineError> {
+        let array = |name: &str| format!("lift/{frame:06}/{name}");
+        let indices: Vec<u32> = self.ragged(&array("voxel"))?;
+        let directions: Vec<f32> = self.ragged(&array("direction"))?;
+        let confidence: Vec<f32> = self.ragged(&array("confidence"))?;
+        let residual: Vec<f32> = self.ragged(&array("residual"))?;
+        let views: Vec<u8> = self.ragged(&array("views"))?;
+        let line = |i: usize| Line {
+            direction: Vec3::from_slice(&directions[3 * i..]),
+            confidence: confidence[i],
+            residual: residual[i],
+            views: views[i],
+        };
+        Ok(SparseVoxels { grid: self.read_grid()?, values: (0..indices.len()).map(line).collect(), indices })
+    }
+
     /// The velocity field of a frame \[mm/s\].
     pub fn read_flow(&self, frame: usize) -> Result<SparseVoxels<Vec3>, EngineError> {
         let indices: Vec<u32> = self.ragged(&format!("flow/{frame:06}/voxel"))?;
@@ -84,6 +101,12 @@ impl Store {
             angle: angle.map(|&a| f32::from(a) * step),
             confidence: confidence.map(|&c| f32::from(c) / 255.0),
         })
+    }
+
+    /// Masks of one view and frame, of a camera's size (width, height).
+    pub fn read_masks(&self, view: usize, frame: usize, size: (usize, usize)) -> Result<Masks, EngineError> {
+        let subject = self.image_plane("masks/subject", view, frame, size)?;
+        Ok(Masks { subject, hair: self.image_plane("masks/hair", view, frame, size)? })
     }
 
     fn image_plane<T: Element>(
@@ -218,19 +241,7 @@ impl Take {
 
     /// Observed lines of a frame.
     pub fn read_lines(&self, frame: usize) -> Result<SparseVoxels<Line>, EngineError> {
-        let array = |name: &str| format!("lift/{frame:06}/{name}");
-        let indices: Vec<u32> = self.ragged(&array("voxel"))?;
-        let directions: Vec<f32> = self.ragged(&array("direction"))?;
-        let confidence: Vec<f32> = self.ragged(&array("confidence"))?;
-        let residual: Vec<f32> = self.ragged(&array("residual"))?;
-        let views: Vec<u8> = self.ragged(&array("views"))?;
-        let line = |i: usize| Line {
-            direction: Vec3::from_slice(&directions[3 * i..]),
-            confidence: confidence[i],
-            residual: residual[i],
-            views: views[i],
-        };
-        Ok(SparseVoxels { grid: self.read_grid()?, values: (0..indices.len()).map(line).collect(), indices })
+        self.store().read_lines(frame)
     }
 
     /// The line field of a frame.

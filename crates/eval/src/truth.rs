@@ -63,6 +63,39 @@ pub struct TruthError {
     pub fact: String,
 }
 
+/// The frames of a `gt` folder, rising, without a gap.
+///
+/// # Errors
+/// There is none, or they begin later than with frame 1.
+pub fn frames(folder: &Path) -> Result<Vec<u32>, TruthError> {
+    let there = |frame: &u32| strands_file(folder, *frame).is_file();
+    let first = u32::from(!there(&0));
+    let found: Vec<u32> = (first..1_000_000).take_while(there).collect();
+    if found.is_empty() {
+        return Err(TruthError { file: strands_file(folder, 0), fact: "there is no such file".into() });
+    }
+    Ok(found)
+}
+
+/// The true strands of one frame alone: points of all, root first \[mm\], and where each strand starts (one entry more).
+///
+/// # Errors
+/// A file that cannot be read, an array that is missing or of the wrong shape.
+pub fn read_strands(folder: &Path, frame: u32) -> Result<(Vec<Vec3>, Vec<u32>), TruthError> {
+    let mut archive = Archive::open(&strands_file(folder, frame))?;
+    let points: Vec<Vec3> = archive.vectors("points")?.into_iter().map(|p| (p * 1000.0).as_vec3()).collect();
+    let offsets: Vec<u32> = archive.numbers("offsets")?.1.into_iter().map(|x| x as u32).collect();
+    let total = offsets.last().copied().unwrap_or(0) as usize;
+    if points.len() != total || offsets.windows(2).any(|o| o[0] > o[1]) {
+        return Err(archive.wrong("offsets and points do not belong together"));
+    }
+    Ok((points, offsets))
+}
+
+fn strands_file(folder: &Path, frame: u32) -> PathBuf {
+    folder.join(format!("strands_{frame:06}.npz"))
+}
+
 /// Reads a `gt` folder: `strands_%06d.npz` are required; `stable.npz`, `head_pose.npz`, `head.obj` and `markers.npz` may be
 /// absent (all strands stable, no motion, no head, no markers). Metres become millimetres.
 ///
@@ -70,30 +103,15 @@ pub struct TruthError {
 /// A file that cannot be read, an array that is missing or of the wrong shape, frames of differing topology.
 pub fn read(folder: &Path) -> Result<Truth, TruthError> {
     let mut truth = Truth::default();
-    for frame in 0..1_000_000u32 {
-        let path = folder.join(format!("strands_{frame:06}.npz"));
-        if !path.is_file() {
-            if frame > 0 || !truth.frames.is_empty() {
-                break;
-            }
-            continue;
-        }
-        let mut archive = Archive::open(&path)?;
-        let points = archive.vectors("points")?.into_iter().map(|p| (p * 1000.0).as_vec3()).collect();
-        let offsets: Vec<u32> = archive.numbers("offsets")?.1.into_iter().map(|x| x as u32).collect();
+    for frame in frames(folder)? {
+        let (points, offsets) = read_strands(folder, frame)?;
         if !truth.frames.is_empty() && offsets != truth.offsets {
-            return Err(archive.wrong("another strand topology than the frame before"));
+            let fact = "another strand topology than the frame before".into();
+            return Err(TruthError { file: strands_file(folder, frame), fact });
         }
         truth.offsets = offsets;
         truth.frames.push(frame);
         truth.points.push(points);
-    }
-    if truth.frames.is_empty() {
-        return Err(TruthError { file: folder.join("strands_000000.npz"), fact: "there is no such file".into() });
-    }
-    let total = truth.offsets.last().copied().unwrap_or(0) as usize;
-    if truth.points.iter().any(|p| p.len() != total) || truth.offsets.windows(2).any(|o| o[0] > o[1]) {
-        return Err(TruthError { file: folder.into(), fact: "offsets and points do not belong together".into() });
     }
     truth.stable = vec![true; truth.strand_count()];
     if let Some(mut archive) = Archive::open_if_there(&folder.join("stable.npz"))? {

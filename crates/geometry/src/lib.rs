@@ -8,4 +8,5 @@ pub mod polyline;
 pub mod primitives;
 pub mod project;
 pub mod signed_distance;
+pub mod surface_nets;
 pub mod triangulate;

@@ -9,6 +9,7 @@ mod new;
 mod render;
 mod run;
 mod synth;
+mod view;
 
 pub use self::{
     animate::AnimateArgs,
@@ -18,6 +19,7 @@ pub use self::{
     render::{OverlayArgs, RenderArgs, ReportArgs, SequenceStage},
     run::{BenchArgs, RunArgs, StatusArgs},
     synth::{DemoArgs, SynthArgs},
+    view::ViewArgs,
 };
 
 const FIRST_STEPS: &str = "\
@@ -60,6 +62,8 @@ pub enum Command {
     Render(RenderArgs),
     /// Write a page that says how a take stands: health by stage, strands over footage, plots, time, what to do next.
     Report(ReportArgs),
+    /// Look at a take in the browser: strands in 3D and over footage, layers, timeline, one strand over time.
+    View(ViewArgs),
     /// Make a synthetic capture with truth.
     Synth(SynthArgs),
     /// Make a small synthetic capture, run everything on it, score it and write exports. Needs no file.

@@ -4,6 +4,7 @@
 
 pub mod browser;
 pub mod synthetic;
+pub mod viewer;
 
 use std::{
     collections::BTreeMap,

@@ -1,0 +1,91 @@
+//! A running `strandflow view`, and an HTTP client of a few lines.
+#![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
+
+use std::{
+    collections::BTreeMap,
+    io::{BufRead, BufReader, Read, Write},
+    net::TcpStream,
+    path::Path,
+    process::{Child, Command, Stdio},
+};
+
+use super::text;
+
+/// The command, serving a take on a free port; ended when it is dropped.
+pub struct Viewer {
+    child: Child,
+    pub port: u16,
+    pub token: String,
+}
+
+/// An answer: status, headers in lower case, body.
+pub struct Answer {
+    pub status: u16,
+    pub headers: BTreeMap<String, String>,
+    pub body: Vec<u8>,
+}
+
+impl Viewer {
+    /// Serves a take.
+    pub fn of(take: &Path, more: &[&str]) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_strandflow"));
+        command.args(["view", text(take), "--port", "0"]).args(more).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let mut url = String::new();
+        BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut url).unwrap();
+        let (host, token) = url.trim().strip_prefix("http://127.0.0.1:").unwrap().split_once("/?token=").unwrap();
+        Self { port: host.parse().unwrap(), token: token.to_owned(), child }
+    }
+
+    /// The address that it printed.
+    pub fn url(&self) -> String {
+        format!("http://127.0.0.1:{}/?token={}", self.port, self.token)
+    }
+
+    /// Asks with the token.
+    pub fn get(&self, path: &str) -> Answer {
+        let token = format!("Authorization: Bearer {}", self.token);
+        self.ask("GET", path, &["Host: localhost", &token])
+    }
+
+    /// The body of an answer that must be there.
+    pub fn body(&self, path: &str) -> Vec<u8> {
+        let answer = self.get(path);
+        assert_eq!(answer.status, 200, "{path}: {}", String::from_utf8_lossy(&answer.body));
+        answer.body
+    }
+
+    /// Asks with these headers alone.
+    pub fn ask(&self, method: &str, path: &str, headers: &[&str]) -> Answer {
+        let mut stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
+        let lines: String = headers.iter().map(|header| format!("{header}\r\n")).collect();
+        write!(stream, "{method} {path} HTTP/1.1\r\n{lines}Connection: close\r\n\r\n").unwrap();
+        let mut bytes = Vec::new();
+        stream.read_to_end(&mut bytes).unwrap();
+        let end = bytes.windows(4).position(|w| w == b"\r\n\r\n").unwrap();
+        let head = String::from_utf8(bytes[..end].to_vec()).unwrap();
+        let mut lines = head.lines();
+        let status = lines.next().unwrap().split(' ').nth(1).unwrap().parse().unwrap();
+        let pair =
+            |line: &str| line.split_once(": ").map(|(name, value)| (name.to_lowercase(), value.to_owned())).unwrap();
+        Answer { status, headers: lines.map(pair).collect(), body: bytes[end + 4..].to_vec() }
+    }
+
+    /// Ends it as Ctrl-C does; what it said, and whether it ended well.
+    #[cfg(unix)]
+    pub fn interrupt(mut self) -> (String, bool) {
+        assert!(Command::new("kill").args(["-INT", &self.child.id().to_string()]).status().unwrap().success());
+        let well = self.child.wait().unwrap().success();
+        let mut said = String::new();
+        self.child.stderr.as_mut().unwrap().read_to_string(&mut said).unwrap();
+        (said, well)
+    }
+}
+
+impl Drop for Viewer {
+    fn drop(&mut self) {
+        // It may have ended already; both calls fail then, which is as good.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

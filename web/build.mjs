@@ -1,0 +1,18 @@
+// Bundles the page into dist/, or with --tests the unit tests into .test/ (Node 20 does not run TypeScript by itself).
+import { build } from 'esbuild';
+import { cp, mkdir, readdir, rm } from 'node:fs/promises';
+
+const here = new URL('.', import.meta.url).pathname;
+const common = { absWorkingDir: here, bundle: true, format: 'esm', target: 'es2022', logLevel: 'warning', legalComments: 'eof' };
+
+if (process.argv.includes('--tests')) {
+  await rm(`${here}.test`, { recursive: true, force: true });
+  const tests = (await readdir(`${here}test`)).filter((name) => name.endsWith('.test.ts'));
+  await build({ ...common, entryPoints: tests.map((name) => `test/${name}`), outdir: '.test', outExtension: { '.js': '.mjs' }, platform: 'node' });
+} else {
+  await rm(`${here}dist`, { recursive: true, force: true });
+  await mkdir(`${here}dist`, { recursive: true });
+  await build({ ...common, entryPoints: { app: 'src/main.ts' }, outdir: 'dist', minify: true });
+  await build({ ...common, entryPoints: { app: 'src/app.css' }, outdir: 'dist', minify: true });
+  await cp(`${here}src/index.html`, `${here}dist/index.html`);
+}
