@@ -2,7 +2,10 @@ use std::sync::LazyLock;
 
 use glam::DMat3;
 use strandflow_core::{Grid, Report};
-use strandflow_geometry::{icp::Similarity, primitives::{cuboid, icosphere}};
+use strandflow_geometry::{
+    icp::Similarity,
+    primitives::{cuboid, icosphere},
+};
 
 use super::*;
 use crate::StageError;
