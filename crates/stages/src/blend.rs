@@ -77,10 +77,6 @@ impl BlendSettings {
     }
 }
 
-/// Points of a lender that tell which way it leaves the scalp: 40 mm at 5 mm a point.
-const LEAVING: usize = 9;
-/// Edges before a lender's end over which it fades.
-const FADING: f64 = 6.0;
 /// Newton iterations on eq. 6; 5–9 suffice, the rest is for folded strands.
 const WARP_ITERATIONS: usize = 40;
 
@@ -252,7 +248,6 @@ impl Context<'_> {
                 };
                 let lent: Vec<(f64, &[DVec3])> =
                     near.iter().filter_map(|&(m, w, _)| Some((w, blended[m].as_deref()?))).collect();
-                let lent = of_one_side(lent);
                 let root = self.input.world_from_head[self.input.at].point(self.input.roots[n]);
                 let points = grown(root, count, &lent, self.input.edge_mm)?;
                 let nearest = near.first().map_or(f64::INFINITY, |(_, _, distance)| *distance);
@@ -284,16 +279,6 @@ fn weighted_median(near: &[(usize, f64, f64)], counts: &[u16]) -> usize {
     0
 }
 
-/// Lenders weighted by how far they leave the scalp the way the nearest does: beside a parting or a whorl the mean of both sides
-/// stands on end. The weight goes to zero gently, so that a lender does not come and go between frames.
-fn of_one_side(mut lent: Vec<(f64, &[DVec3])>) -> Vec<(f64, &[DVec3])> {
-    let way = |points: &[DVec3]| (points[points.len().min(LEAVING) - 1] - points[0]).normalize_or_zero();
-    if let Some(nearest) = lent.first().map(|(_, points)| way(points)) {
-        lent.iter_mut().skip(1).for_each(|(weight, points)| *weight *= way(points).dot(nearest).max(0.0).powi(4));
-    }
-    lent
-}
-
 /// A strand from `root` along the weighted mean edges of `lent`, every edge `edge_mm` long; past the end of all lenders it
 /// goes on straight. `None` without lenders or points.
 fn grown(root: DVec3, count: usize, lent: &[(f64, &[DVec3])], edge_mm: f64) -> Option<Vec<DVec3>> {
@@ -302,10 +287,7 @@ fn grown(root: DVec3, count: usize, lent: &[(f64, &[DVec3])], edge_mm: f64) -> O
     }
     let (mut points, mut direction) = (vec![root], DVec3::ZERO);
     for i in 1..count {
-        // A lender fades before its end: where one leaves off at once, the others turn the strand at once.
-        let fading = |len: usize| ((len - i) as f64 / FADING).min(1.0);
-        let lend = |(w, p): &(f64, &[DVec3])| (p[i] - p[i - 1]) * (w * fading(p.len()));
-        let mean: DVec3 = lent.iter().filter(|(_, p)| p.len() > i).map(lend).sum();
+        let mean: DVec3 = lent.iter().filter(|(_, p)| p.len() > i).map(|(w, p)| (p[i] - p[i - 1]) * *w).sum();
         direction = mean.try_normalize().unwrap_or(direction);
         points.push(points[i - 1] + direction * edge_mm);
     }
