@@ -71,7 +71,7 @@ impl Grown {
             })
             .collect();
         let starts = starts(counts.iter().map(|count| count * growth.density));
-        let mut points = vec![Point::default(); starts[counts.len()]];
+        let mut points: Vec<Point> = touched(starts[counts.len()], Point::default);
         let cell = Cell::of(subject);
         slices(&mut points, &starts).into_par_iter().enumerate().for_each(|(n, out)| {
             if counts[n] == 0 {
@@ -87,6 +87,12 @@ impl Grown {
         });
         Self { points, starts, counts, density: growth.density }
     }
+}
+
+/// Values to be overwritten, made on all threads: with tens of millions of them half of the time would go into the system's
+/// handing out of memory to one thread.
+pub(crate) fn touched<T: Send>(count: usize, value: impl Fn() -> T + Sync + Send) -> Vec<T> {
+    (0..count).into_par_iter().with_min_len(1 << 14).map(|_| value()).collect()
 }
 
 /// Sums before each, and the whole.

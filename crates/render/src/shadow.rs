@@ -8,7 +8,10 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use glam::{Mat3, UVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::{chance::Chance, groom::Grown};
+use crate::{
+    chance::Chance,
+    groom::{Grown, touched},
+};
 
 /// Width of a column \[mm\]. Below 1.5 mm cells hold too few pieces of hair and shadows are noise; above 3 mm locks throw none.
 const CELL_MM: f32 = 2.2;
@@ -69,7 +72,7 @@ impl Shadow {
     fn fill(&mut self, hair: &Grown, width_mm: f32, cell: f32) {
         const STEP: usize = 3;
         let [nx, ny, nz] = self.dims;
-        let counts: Vec<AtomicU32> = (0..nx * ny * nz).map(|_| AtomicU32::new(0)).collect();
+        let counts = touched(nx * ny * nz, || AtomicU32::new(0));
         let of_mm = STEP as f32 * width_mm / (cell * cell) / COUNT;
         (0..hair.counts.len()).into_par_iter().for_each(|n| {
             let points = &hair.points[hair.starts[n]..hair.starts[n + 1]];
@@ -87,16 +90,14 @@ impl Shadow {
                 }
             }
         });
-        self.depth = counts
-            .par_chunks(nz)
-            .flat_map_iter(|column| {
-                let mut sum = 0.0;
-                std::iter::once(0.0).chain(column.iter().map(move |count| {
-                    sum += count.load(Ordering::Relaxed) as f32 * COUNT;
-                    sum
-                }))
-            })
-            .collect();
+        self.depth = touched(nx * ny * (nz + 1), || 0.0);
+        self.depth.par_chunks_mut(nz + 1).zip(counts.par_chunks(nz)).with_min_len(64).for_each(|(depth, column)| {
+            let mut sum = 0.0;
+            for (depth, count) in depth[1..].iter_mut().zip(column) {
+                sum += count.load(Ordering::Relaxed) as f32 * COUNT;
+                *depth = sum;
+            }
+        });
     }
 
     /// Where the head begins in each column, seen from the light.

@@ -11,7 +11,7 @@ use crate::{
     chance::Chance,
     dome::Dome,
     fibre::Inclination,
-    groom::{Grown, Point, slices},
+    groom::{Grown, Point, slices, touched},
     light::LightRig,
     scattering::{Crowd, SHADES, Scattering},
     shadow::Shadow,
@@ -87,7 +87,7 @@ pub(crate) struct Threads<'a> {
 impl<'a> Threads<'a> {
     /// Places hairs in the picture.
     pub(crate) fn new(hair: &'a Hair, grown: &'a Grown, lighting: &'a Lighting, eye: &'a Eye) -> Self {
-        let mut vertices = vec![Vertex::default(); grown.points.len()];
+        let mut vertices: Vec<Vertex> = touched(grown.points.len(), Vertex::default);
         slices(&mut vertices, &grown.starts).into_par_iter().enumerate().for_each(|(n, out)| {
             let points = &grown.points[grown.starts[n]..grown.starts[n + 1]];
             let last = grown.counts[n].saturating_sub(1);
@@ -98,7 +98,7 @@ impl<'a> Threads<'a> {
         });
         let density = grown.density;
         let shades = (0..grown.counts.len() * density).map(|i| shade(eye.seed, hair.names[i / density], i % density));
-        let colours = std::iter::repeat_with(OnceLock::new).take(vertices.len()).collect();
+        let colours = touched(vertices.len(), OnceLock::new);
         Self { shades: shades.collect(), density, hair, grown, lighting, eye, vertices, colours }
     }
 
