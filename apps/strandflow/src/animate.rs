@@ -45,7 +45,7 @@ pub fn animate(args: &AnimateArgs) -> Result<(), Failed> {
         }
         None => args.true_field.then_some(OtherField { from: "truth", files: Vec::new(), of: &true_field }),
     };
-    let still = args.collide.as_deref().map(|file| obstacle(file, &performance)).transpose()?;
+    let still = args.collide.as_deref().map(obstacle).transpose()?;
     let plan = AnimationPlan {
         name: &name,
         groom: &groom,
@@ -103,7 +103,7 @@ fn field_in(args: &AnimateArgs, performance: &Performance, frame: usize) -> Resu
 }
 
 /// What stands still; a unit that cannot be meant is named.
-fn obstacle(file: &Path, performance: &Performance) -> Result<TriMesh, Failed> {
+fn obstacle(file: &Path) -> Result<TriMesh, Failed> {
     let mesh = read_obj(file)?;
     let corners = || mesh.vertices.iter().copied();
     let low = corners().fold(DVec3::INFINITY, DVec3::min);
@@ -118,8 +118,7 @@ fn obstacle(file: &Path, performance: &Performance) -> Result<TriMesh, Failed> {
         Some(unit) => format!("it seems to be in {unit}: write it in millimetres, in the world of the take"),
         None => "write it in millimetres, in the world of the take".into(),
     };
-    let head = performance.pose(performance.frames().start)?.translation;
-    Err(Failed::input(format!("{}: is {size:.1} mm large; the head moves about {head:.0}", file.display()), hint))
+    Err(Failed::input(format!("{}: is {size:.1} mm large", file.display()), hint))
 }
 
 /// Sizes of a body, or a part of one \[mm\].

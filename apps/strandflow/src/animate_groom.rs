@@ -7,6 +7,7 @@ use strandflow_core::RigidTransform;
 use strandflow_engine::Performance;
 use strandflow_eval::truth::Truth;
 use strandflow_io::{Space, Up, read_groom};
+use strandflow_stages::animate::place::{is_of_a_head, spread_ratio};
 
 use crate::{args::AnimateArgs, failure::Failed};
 
@@ -80,18 +81,15 @@ fn stand_up(strands: &mut [Vec<DVec3>], up: Up, gravity: DVec3, world_from_head:
 /// Factors by which a file's stated unit may be wrong: units of one another.
 const FACTORS: [f64; 8] = [0.001, 0.01, 1.0 / 25.4, 0.1, 10.0, 25.4, 100.0, 1000.0];
 
-/// The spread of roots that heads differ by, as the alignment takes it.
-const SPREAD_RANGE: std::ops::RangeInclusive<f64> = 0.5..=1.6;
-
 /// A file may state its unit and be wrong: scenes keep their default while grooms are modelled in another unit.
 ///
 /// # Errors
 /// The roots spread as those of no head, and a factor between units mends it; the hint has the factor.
 fn check_unit(file: &Path, strands: &[Vec<DVec3>], captured: &[DVec3], scale: f64) -> Result<(), Failed> {
     let own: Vec<DVec3> = strands.iter().filter(|s| s.len() > 1).map(|s| s[0]).collect();
-    let ratio = spread(&own) / spread(captured);
-    let factor = FACTORS.into_iter().find(|factor| SPREAD_RANGE.contains(&(ratio * factor)));
-    match factor.filter(|_| !SPREAD_RANGE.contains(&ratio)) {
+    let ratio = spread_ratio(&own, captured);
+    let factor = FACTORS.into_iter().find(|factor| is_of_a_head(ratio * factor));
+    match factor.filter(|_| !is_of_a_head(ratio)) {
         Some(factor) => {
             let factor = format!("{:.4}", factor * scale);
             let factor = factor.trim_end_matches('0').trim_end_matches('.');
@@ -102,13 +100,6 @@ fn check_unit(file: &Path, strands: &[Vec<DVec3>], captured: &[DVec3], scale: f6
         }
         None => Ok(()),
     }
-}
-
-/// Root mean square distance from the mean.
-fn spread(points: &[DVec3]) -> f64 {
-    let count = points.len().max(1) as f64;
-    let middle = points.iter().sum::<DVec3>() / count;
-    (points.iter().map(|p| p.distance_squared(middle)).sum::<f64>() / count).sqrt()
 }
 
 #[cfg(test)]

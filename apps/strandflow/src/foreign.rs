@@ -43,11 +43,10 @@ pub fn read(path: &Path, gravity: DVec3, tell: &mut dyn FnMut(&str)) -> Result<S
 
 /// Ours with all frames, or the strands (N, P, 3) of one.
 fn npz(path: &Path) -> Result<StrandSequence, Failed> {
-    match (read_npz(path), read_groom(path)) {
-        (Ok(read), _) => Ok(read.sequence),
-        (Err(_), Ok(groom)) => sequence(path, &[(frame_of(path), groom.strands)]),
-        (Err(error), Err(_)) => Err(error.into()),
-    }
+    read_npz(path).map(|read| read.sequence).or_else(|error| match read_groom(path) {
+        Ok(groom) => sequence(path, &[(frame_of(path), groom.strands)]),
+        Err(_) => Err(error.into()),
+    })
 }
 
 fn ending(file: &Path) -> String {

@@ -1,6 +1,7 @@
 //! `strandflow view`: a take in the browser, served on the loopback only.
 
 mod about;
+mod along;
 mod attributes;
 mod chosen;
 mod history;

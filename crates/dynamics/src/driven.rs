@@ -239,9 +239,10 @@ impl<'a, R: Kernels> Bundle<'a, R> {
             let (from, to) = (around.world_from_head(share(0.0)), around.world_from_head(share(1.0)));
             for lane in 0..self.lanes.len() {
                 let meets = |point: DVec3| around.contact(share(1.0), point);
-                match s + 1 == substeps {
-                    true => self.settle(lane, &meets, (&from, &to)),
-                    false => self.collide(lane, &meets, (&from, &to)),
+                if s + 1 == substeps {
+                    self.settle(lane, &meets, (&from, &to));
+                } else {
+                    self.collide(lane, &meets, (&from, &to));
                 }
             }
         }

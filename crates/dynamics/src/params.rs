@@ -28,7 +28,11 @@ impl Default for Params {
 }
 
 impl Params {
-    /// From the order k_edge, k_bend, k_torsion, k_alt, c_edge, c_bend, c_torsion, c_alt, drag.
+    /// Names in the order of [`Params::from_array`].
+    pub const NAMES: [&'static str; 9] =
+        ["k_edge", "k_bend", "k_torsion", "k_alt", "c_edge", "c_bend", "c_torsion", "c_alt", "drag"];
+
+    /// From the order of [`Params::NAMES`].
     pub fn from_array(p: [f64; 9]) -> Self {
         Self { stiffness: [p[0], p[1], p[2], p[3]], damping: [p[4], p[5], p[6], p[7]], drag: p[8] }
     }

@@ -24,7 +24,7 @@ use crate::{EngineError, Performance, memory, needs::Identities};
 
 mod frames;
 
-pub use frames::{AnimationStrands, animations};
+pub use frames::{AnimationStrands, animations, world_from_head};
 
 use frames::Folder;
 

@@ -33,6 +33,26 @@ pub fn at_parameter(points: &[Vec3], parameter: f32) -> Vec3 {
     if points.len() < 2 { points[0] } else { points[i].lerp(points[i + 1], parameter - i as f32) }
 }
 
+/// `count` places (2 at least) at equal lengths along segments of the given lengths, ends included: segment and part of the way
+/// along it. By number of segments where they have no length.
+pub fn even_places(lengths: &[f32], count: usize) -> impl Iterator<Item = (usize, f32)> + '_ {
+    let total: f32 = lengths.iter().sum();
+    let length = move |segment: usize| if total > 0.0 { lengths[segment] } else { 1.0 };
+    let whole = if total > 0.0 { total } else { lengths.len() as f32 };
+    let (mut segment, mut before) = (0, 0.0);
+    (0..count).map(move |place| {
+        let want = whole * place as f32 / (count - 1) as f32;
+        while segment + 1 < lengths.len() && before + length(segment) < want {
+            before += length(segment);
+            segment += 1;
+        }
+        let own = if lengths.is_empty() { 0.0 } else { length(segment) };
+        let part = if own > 0.0 { ((want - before) / own).clamp(0.0, 1.0) } else { 0.0 };
+        // The last is the tip, whatever rounding says.
+        (segment, if place + 1 == count { 1.0 } else { part })
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -2,12 +2,11 @@
 //!
 //! - [`answers`]: what has to be answered, by whoever knows a take; [`refusal`]: how it may fail.
 //! - [`describe`]: the JSON of the protocol; [`encode`]: its binary bodies; [`pictures`]: its images.
-//! - [`selection`]: which strands and how many points a request asks for; [`along`]: points evenly along a strand.
+//! - [`selection`]: which strands and how many points a request asks for.
 //! - [`token`] and [`guard`]: who may ask; [`server`]: the loopback server; [`page`]: the page within the program.
 //!
 //! `docs/view.md` is the protocol.
 
-pub mod along;
 pub mod answers;
 pub mod describe;
 pub mod encode;

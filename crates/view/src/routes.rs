@@ -16,7 +16,7 @@ use axum::{
 };
 
 use crate::{
-    Answers, Refusal, Token, encode,
+    Answers, Picture, Refusal, Token, encode,
     guard::{bears, is_loopback, security_headers},
     page,
     pictures::encoded,
@@ -217,28 +217,26 @@ async fn image(
     .await
 }
 
-async fn mask(
-    State(shared): Served,
+/// A picture over a view's footage.
+async fn layer(
+    shared: Served,
     Path((view, frame)): Path<(String, String)>,
     RawQuery(query): RawQuery,
+    of: fn(&dyn Answers, &str, usize) -> Result<Picture, Refusal>,
 ) -> Response {
-    work(shared, move |answers| {
+    work(shared.0, move |answers| {
         nothing(query.as_deref())?;
-        encoded(&answers.mask(&view, number_in_path("frame", &frame)?)?, None)
+        encoded(&of(answers, &view, number_in_path("frame", &frame)?)?, None)
     })
     .await
 }
 
-async fn orientation(
-    State(shared): Served,
-    Path((view, frame)): Path<(String, String)>,
-    RawQuery(query): RawQuery,
-) -> Response {
-    work(shared, move |answers| {
-        nothing(query.as_deref())?;
-        encoded(&answers.orientation(&view, number_in_path("frame", &frame)?)?, None)
-    })
-    .await
+async fn mask(shared: Served, path: Path<(String, String)>, query: RawQuery) -> Response {
+    layer(shared, path, query, |answers, view, frame| answers.mask(view, frame)).await
+}
+
+async fn orientation(shared: Served, path: Path<(String, String)>, query: RawQuery) -> Response {
+    layer(shared, path, query, |answers, view, frame| answers.orientation(view, frame)).await
 }
 
 async fn head(State(shared): Served, RawQuery(query): RawQuery) -> Response {

@@ -4,12 +4,10 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use glam::Vec3;
 use rayon::prelude::*;
-use strandflow_view::{
-    PerStrand, Refusal, Selection,
-    along::{Place, places},
-};
+use strandflow_view::{PerStrand, Refusal, Selection};
 
 use super::{
+    along::{Place, places},
     parts::{Part, Parts},
     sets::Set,
     source::Source,

@@ -3,10 +3,12 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use strandflow_core::Provenance;
+use strandflow_dynamics::Params;
 use strandflow_eval::lengths::present_length;
-use strandflow_view::{Refusal, along::places, describe::StrandHistory};
+use strandflow_view::{Refusal, describe::StrandHistory};
 
 use super::{
+    along::places,
     attributes::velocity,
     parts::{Part, rows},
     sets::{Kind, Set, of_set},
@@ -15,9 +17,6 @@ use super::{
 
 /// Points of a strand that are compared with the truth: the mean over them is that over the strand to a few hundredths.
 const POINTS_FOR_ERROR: usize = 16;
-/// Names of the fitted parameters, as the store has them.
-const PARAMETERS: [&str; 9] =
-    ["k_edge", "k_bend", "k_torsion", "k_alt", "c_edge", "c_bend", "c_torsion", "c_alt", "drag"];
 
 /// A strand, read from every frame that is there: one block a frame.
 ///
@@ -130,7 +129,7 @@ fn fitted(viewer: &Viewer, set: &Set, index: usize, history: &mut StrandHistory)
     }
     let row: Vec<f32> = store.read("fit/parameters", &[index..index + 1, 0..9]).map_err(of_set(set))?;
     if row.iter().all(|value| value.is_finite()) {
-        history.parameters = Some(PARAMETERS.into_iter().zip(row.iter().map(|v| f64::from(*v))).collect());
+        history.parameters = Some(Params::NAMES.into_iter().zip(row.iter().map(|v| f64::from(*v))).collect());
     }
     let strand = index..index + 1;
     let residual: Vec<f32> = store.read("fit/residual_mm", std::slice::from_ref(&strand)).map_err(of_set(set))?;

@@ -1,7 +1,11 @@
 //! What has strands: stages, animations, truth.
 
 use strandflow_core::FrameRange;
-use strandflow_engine::{Item, animation::animations, store::Store};
+use strandflow_engine::{
+    Item,
+    animation::{animations, world_from_head},
+    store::Store,
+};
 use strandflow_view::Refusal;
 
 use super::source::{Source, broken};
@@ -156,12 +160,7 @@ impl Set {
     pub fn head_from_world(&self, source: &Source, frame: usize) -> Option<strandflow_core::RigidTransform> {
         let store = source.store().ok()?;
         let pose = match self.kind {
-            Kind::Animation => {
-                let rows: Vec<f64> =
-                    store.read(&format!("{}/world_from_head", self.id), &[frame..frame + 1, 0..4, 0..4]).ok()?;
-                let row = |i: usize| std::array::from_fn(|k| rows[4 * i + k]);
-                strandflow_core::RigidTransform::from_rows(&[row(0), row(1), row(2), row(3)])
-            }
+            Kind::Animation => world_from_head(&store, self.id.strip_prefix(ANIMATE)?, frame).ok()?,
             _ => store.read_pose(frame.checked_sub(source.begins())?).ok()?,
         };
         (pose.rotation.is_finite() && pose.translation.is_finite()).then(|| pose.inverse())

@@ -163,10 +163,17 @@ impl AnimationStrands<'_> {
     /// # Errors
     /// `Store`.
     pub fn world_from_head(&self, t: usize) -> Result<RigidTransform, EngineError> {
-        let rows: Vec<f64> =
-            self.store.read(&format!("animate/{}/world_from_head", self.name), &[t..t + 1, 0..4, 0..4])?;
-        Ok(crate::read::transform_from_slice(&rows))
+        world_from_head(self.store, &self.name, t)
     }
+}
+
+/// World from head in the `t`-th frame of an animation.
+///
+/// # Errors
+/// `Store`.
+pub fn world_from_head(store: &Store, name: &str, t: usize) -> Result<RigidTransform, EngineError> {
+    let rows: Vec<f64> = store.read(&format!("animate/{name}/world_from_head"), &[t..t + 1, 0..4, 0..4])?;
+    Ok(crate::read::transform_from_slice(&rows))
 }
 
 impl StrandFrames for AnimationStrands<'_> {

@@ -2,6 +2,7 @@
 
 use serde_json::{Value, json};
 use strandflow_core::Report;
+use strandflow_dynamics::Params;
 use strandflow_stages::fit::FitInput;
 
 use super::{block_of, ensure, need_pose, of_stage, smooth::trim::point_count, strand_arrays};
@@ -18,7 +19,7 @@ pub(crate) fn prepare(job: &Job) -> Result<(), EngineError> {
     let strands = job.take.strand_count()?;
     strand_arrays::ensure_strands(job, PHASE, "fit", point_count(job)?)?;
     ensure(job, PHASE, ("fit/counts", Value::Null), &[strands], &[BLOCK_STRANDS])?;
-    let names = ["k_edge", "k_bend", "k_torsion", "k_alt", "c_edge", "c_bend", "c_torsion", "c_alt", "drag"];
+    let names = Params::NAMES;
     ensure(job, PHASE, ("fit/parameters", json!({ "parameters": names })), &[strands, 9], &[BLOCK_STRANDS, 9])?;
     ensure(job, PHASE, ("fit/residual_mm", Value::Null), &[strands], &[BLOCK_STRANDS])?;
     ensure(job, PHASE, ("fit/windows", Value::Null), &[strands, 3], &[BLOCK_STRANDS, 3])

@@ -1,6 +1,7 @@
 //! The same number of points on every strand, evenly spaced along it.
 
 use strandflow_core::{Provenance, StrandSequence};
+use strandflow_geometry::polyline::even_places;
 
 use super::{StrandFrames, is_known};
 use crate::IoError;
@@ -32,7 +33,8 @@ impl<'a> Resampled<'a> {
         for (n, &count) in source.counts().iter().enumerate() {
             let segments = usize::from(count.max(2)) - 1;
             let start = n * source.point_count();
-            places_along(&lengths[start..(start + segments).min(lengths.len())], points, &mut places);
+            let lengths = &lengths[start..(start + segments).min(lengths.len())];
+            places.extend(even_places(lengths, points.into()).map(|(segment, part)| (segment as u16, part)));
         }
         Ok(Self { source, points: usize::from(points), counts, places })
     }
@@ -55,26 +57,6 @@ fn mean_segments(source: &dyn StrandFrames) -> Result<Vec<f32>, IoError> {
         }
     }
     Ok(sums.into_iter().zip(times).map(|(sum, times)| if times > 0 { sum / times as f32 } else { 0.0 }).collect())
-}
-
-/// Places at equal lengths along segments; by number of particles where the segments have no length.
-fn places_along(lengths: &[f32], points: u16, places: &mut Vec<(u16, f32)>) {
-    let total: f32 = lengths.iter().sum();
-    let by_length = total > 0.0;
-    let length = |segment: usize| if by_length { lengths[segment] } else { 1.0 };
-    let whole = if by_length { total } else { lengths.len() as f32 };
-    let (mut segment, mut before) = (0, 0.0);
-    for point in 0..points {
-        let want = whole * f32::from(point) / f32::from(points - 1);
-        while segment + 1 < lengths.len() && before + length(segment) < want {
-            before += length(segment);
-            segment += 1;
-        }
-        let own = if lengths.is_empty() { 0.0 } else { length(segment) };
-        let part = if own > 0.0 { ((want - before) / own).clamp(0.0, 1.0) } else { 0.0 };
-        // The last point is the tip, whatever rounding says.
-        places.push((segment as u16, if point + 1 == points { 1.0 } else { part }));
-    }
 }
 
 impl StrandFrames for Resampled<'_> {

@@ -48,7 +48,7 @@ const UNITS: [(&str, f64); 5] =
     [("millimetres", 1.0), ("centimetres", 10.0), ("inches", 25.4), ("decimetres", 100.0), ("metres", 1000.0)];
 /// A groom's roots spread over 0.5 to 1.6 times as much as the captured ones: parts of a head, and larger heads. A unit that is
 /// wrong is wrong by a factor of 2.5 at least.
-const SPREAD_RANGE: (f64, f64) = (0.5, 1.6);
+const SPREAD_RANGE: std::ops::RangeInclusive<f64> = 0.5..=1.6;
 /// Roots and captured roots that the search for the way up looks at; more do not change it.
 const LOOKED_AT: usize = 400;
 /// Share of the steepest fall that a way up must have. On a groom that hangs straight it leaves the turns about the vertical.
@@ -131,6 +131,16 @@ fn check(groom: &[Vec<DVec3>]) -> Result<(), StageError> {
     }
 }
 
+/// How much wider than the captured roots a groom's spread.
+pub fn spread_ratio(own: &[DVec3], captured: &[DVec3]) -> f64 {
+    spread(own) / spread(captured)
+}
+
+/// Whether roots that spread by this ratio may be those of a head.
+pub fn is_of_a_head(ratio: f64) -> bool {
+    SPREAD_RANGE.contains(&ratio)
+}
+
 /// Root mean square distance from the mean.
 fn spread(points: &[DVec3]) -> f64 {
     let middle = mean(points);
@@ -142,12 +152,11 @@ fn mean(points: &[DVec3]) -> DVec3 {
 }
 
 fn check_unit(own: &[DVec3], captured: &[DVec3]) -> Result<(), StageError> {
-    let ratio = spread(own) / spread(captured);
-    let fits = |ratio: f64| (SPREAD_RANGE.0..=SPREAD_RANGE.1).contains(&ratio);
-    if fits(ratio) {
+    let ratio = spread_ratio(own, captured);
+    if is_of_a_head(ratio) {
         return Ok(());
     }
-    let unit = UNITS.iter().find(|(_, mm)| fits(ratio * mm));
+    let unit = UNITS.iter().find(|(_, mm)| is_of_a_head(ratio * mm));
     let hint = match unit {
         Some((name, mm)) => format!("it seems to be in {name}: give --scale {mm}"),
         None => "give its scale to millimetres (--scale), or the whole transform (--transform)".into(),

@@ -1,6 +1,7 @@
 //! Points evenly along a strand, and the values of its own points there.
 
 use glam::Vec3;
+use strandflow_geometry::polyline::even_places;
 
 /// A place on a strand: between its points `from` and `to`, `part` of the way.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,23 +43,9 @@ pub fn places(points: &[Vec3], count: usize) -> Option<Vec<Place>> {
     if present.len() < 2 || count < 2 {
         return None;
     }
-    let edge = |k: usize| points[present[k]].distance(points[present[k + 1]]);
-    let segments = present.len() - 1;
-    let total: f32 = (0..segments).map(edge).sum();
-    let (mut k, mut before) = (0, 0.0f32);
-    let place = |i: usize| {
-        let want = total * i as f32 / (count - 1) as f32;
-        while k + 1 < segments && before + edge(k) < want {
-            before += edge(k);
-            k += 1;
-        }
-        let length = edge(k);
-        let part = if length > 0.0 { ((want - before) / length).clamp(0.0, 1.0) } else { 0.0 };
-        // The last is the tip, whatever rounding says.
-        let part = if i + 1 == count { 1.0 } else { part };
-        Place { from: present[k], to: present[k + 1], part }
-    };
-    Some((0..count).map(place).collect())
+    let lengths: Vec<f32> = present.windows(2).map(|pair| points[pair[0]].distance(points[pair[1]])).collect();
+    let place = |(k, part): (usize, f32)| Place { from: present[k], to: present[k + 1], part };
+    Some(even_places(&lengths, count).map(place).collect())
 }
 
 #[cfg(test)]
