@@ -1,16 +1,20 @@
 //! `strandflow render`: pictures of strands as hair.
 
+use std::{sync::mpsc::sync_channel, thread};
+
 use indicatif::{ProgressBar, ProgressStyle};
 use strandflow_engine::{Take, animation::AnimationStrands, stage_index};
 use strandflow_io::StrandFrames;
-use strandflow_render::{Backdrop, LightRig, Picture, RenderError, Settings, Subject, full_density, render as draw};
+use strandflow_render::{
+    Backdrop, Hair, LightRig, Picture, RenderError, Settings, Subject, full_density, render as draw,
+};
 
 use crate::{
     args::RenderArgs,
     failure::Failed,
     foreign,
     render_out::{Finished, Kind, Output},
-    render_scene::{Background, HeadOf, Shot, background, hair, hair_colour, shots},
+    render_scene::{Background, HeadOf, Moments, Shot, background, hair_colour, shots},
     status::tell_of_outdated,
 };
 
@@ -50,7 +54,8 @@ pub fn render(args: &RenderArgs) -> Result<(), Failed> {
     sequence(args, &take, &take.strands_of(args.stage.name(), plan.frames)?, HeadOf::new(&take), &behind, &settings)
 }
 
-/// Renders one picture after the other, each on all threads: memory holds one.
+/// Renders one picture after the other, each on all threads, while the next one's strands are read and the one before is
+/// written: memory holds these three.
 fn sequence(
     args: &RenderArgs,
     take: &Take,
@@ -93,6 +98,11 @@ fn sequence(
     Ok(())
 }
 
+/// What is left to say when a thread beside this one broke off.
+fn stopped() -> Failed {
+    Failed::input("rendering broke off", "this is a fault of the program; please report it")
+}
+
 /// All that the pictures of one call have in common.
 struct Scene<'a> {
     take: &'a Take,
@@ -108,17 +118,46 @@ impl Scene<'_> {
         let bar = ProgressBar::new(shots.len() as u64);
         let template = "render {bar:20} {pos:>5}/{len:<5} {elapsed:>6} {eta:>6} left";
         bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
-        for shot in shots {
-            out.push(&self.finished(shot, self.picture(shot)?)?)?;
-            bar.inc(1);
-        }
+        let (hairs, next_hair) = sync_channel(0);
+        let (pictures, next_picture) = sync_channel(0);
+        let written = thread::scope(|scope| {
+            scope.spawn(move || {
+                let mut moments = Moments::new(self.strands);
+                // Whoever waits for hair goes away when a picture fails: nothing more is to be read then.
+                let _ = shots.iter().try_for_each(|shot| hairs.send(moments.hair(shot.t)));
+            });
+            let writer = scope.spawn(|| {
+                next_picture.into_iter().try_for_each(|(shot, picture)| {
+                    out.push(&self.finished(shot, picture)?)?;
+                    bar.inc(1);
+                    Ok(())
+                })
+            });
+            let mut drawn = Ok(());
+            for shot in shots {
+                let hair = next_hair.recv().unwrap_or_else(|_| Err(stopped()));
+                let picture = match hair.and_then(|hair| self.picture(shot, &hair)) {
+                    Ok(picture) => picture,
+                    Err(failed) => {
+                        drawn = Err(failed);
+                        break;
+                    }
+                };
+                // The writer goes away where it cannot write; it says why.
+                if pictures.send((shot, picture)).is_err() {
+                    break;
+                }
+            }
+            drop((pictures, next_hair));
+            let written = writer.join().unwrap_or_else(|_| Err(stopped()));
+            drawn.and(written)
+        });
         bar.finish_and_clear();
-        Ok(())
+        written
     }
 
-    fn picture(&self, shot: &Shot) -> Result<Picture, Failed> {
-        let hair = hair(self.strands, shot.t)?;
-        let subject = Subject { hair: &hair, head: self.head.at(self.strands.frames()[shot.t] as usize) };
+    fn picture(&self, shot: &Shot, hair: &Hair) -> Result<Picture, Failed> {
+        let subject = Subject { hair, head: self.head.at(self.strands.frames()[shot.t] as usize) };
         let rig = LightRig::studio(&shot.camera, -self.take.gravity());
         let settings = &self.settings;
         Ok(self.pool.install(|| draw(&subject, &shot.camera, &rig, settings))?)
@@ -139,7 +178,7 @@ impl Scene<'_> {
 
     /// The density at which the hair looks full in a shot; the same for all pictures of a call.
     fn full(&self, shot: &Shot) -> Result<usize, Failed> {
-        let hair = hair(self.strands, shot.t)?;
+        let hair = Moments::new(self.strands).hair(shot.t)?;
         let depths = hair.points.iter().step_by(101).map(|p| shot.camera.camera_from_world.point(p.as_dvec3()).z);
         let nearest = depths.filter(|depth| *depth > 1.0).fold(f64::INFINITY, f64::min);
         let present = self.strands.counts().iter().filter(|count| **count > 1).count();

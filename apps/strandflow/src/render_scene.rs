@@ -1,5 +1,7 @@
 //! What `strandflow render` shows: strands, head, cameras and backdrops of a take.
 
+use std::rc::Rc;
+
 use glam::{DVec3, Vec3};
 use strandflow_core::{Camera, RigidTransform, StrandSequence, TriMesh};
 use strandflow_engine::{Take, animation::AnimationStrands};
@@ -69,18 +71,52 @@ impl<'a> HeadOf<'a> {
     }
 }
 
-/// The strands of the `t`-th frame with their motion; parts of strands that the frame lacks are left out.
-pub fn hair(strands: &dyn StrandFrames, t: usize) -> Result<Hair, Failed> {
-    let now = strands.frame(t)?;
-    let frames = strands.frames();
-    let beside = |t: Option<usize>, frame: Option<u32>| -> Result<Option<StrandSequence>, Failed> {
-        let there = t.filter(|t| frame.is_some() && frames.get(*t).copied() == frame);
-        Ok(there.map(|t| strands.frame(t)).transpose()?)
-    };
-    let before = beside(t.checked_sub(1), frames[t].checked_sub(1))?;
-    let after = beside(Some(t + 1), frames[t].checked_add(1))?;
-    let step = |other: &Option<StrandSequence>, at: usize| -> Option<Vec3> {
-        let p = *other.as_ref()?.points.get(at)?;
+/// Strands frame by frame with their motion. The frames that the last picture looked at are kept: most pictures share two
+/// of their three with the one before.
+pub struct Moments<'a> {
+    strands: &'a dyn StrandFrames,
+    /// Frames by their index, at most three.
+    kept: Vec<(usize, Rc<StrandSequence>)>,
+}
+
+impl<'a> Moments<'a> {
+    /// Nothing read yet.
+    pub fn new(strands: &'a dyn StrandFrames) -> Self {
+        Self { strands, kept: Vec::new() }
+    }
+
+    /// The strands of the `t`-th frame with their motion; parts of strands that the frame lacks are left out.
+    pub fn hair(&mut self, t: usize) -> Result<Hair, Failed> {
+        self.kept.retain(|(other, _)| other.abs_diff(t) <= 1);
+        let now = self.frame(t)?;
+        let numbers = self.strands.frames();
+        let (number, frames) = (numbers[t], numbers.len());
+        let follows = |a: usize, b: usize| numbers[a].checked_add(1) == Some(numbers[b]);
+        let before = t.checked_sub(1).filter(|&before| follows(before, t));
+        let after = Some(t + 1).filter(|&after| after < frames && follows(t, after));
+        let before = before.map(|t| self.frame(t)).transpose()?;
+        let after = after.map(|t| self.frame(t)).transpose()?;
+        let hair = moving(&now, [before.as_deref(), after.as_deref()]);
+        if hair.strand_count() == 0 {
+            return Err(Failed::input(format!("frame {number} has no strands"), "name other frames, or another stage"));
+        }
+        Ok(hair)
+    }
+
+    fn frame(&mut self, t: usize) -> Result<Rc<StrandSequence>, Failed> {
+        if let Some((_, frame)) = self.kept.iter().find(|(other, _)| *other == t) {
+            return Ok(frame.clone());
+        }
+        let frame = Rc::new(self.strands.frame(t)?);
+        self.kept.push((t, frame.clone()));
+        Ok(frame)
+    }
+}
+
+/// The strands of a frame, moving as the frames beside it say.
+fn moving(now: &StrandSequence, [before, after]: [Option<&StrandSequence>; 2]) -> Hair {
+    let step = |other: Option<&StrandSequence>, at: usize| -> Option<Vec3> {
+        let p = *other?.points.get(at)?;
         p.is_finite().then(|| p - now.points[at])
     };
     let mut hair = Hair::default();
@@ -94,7 +130,7 @@ pub fn hair(strands: &dyn StrandFrames, t: usize) -> Result<Hair, Failed> {
         let points: Vec<Vec3> = kept.iter().map(|&at| now.points[at]).collect();
         let motion: Vec<Vec3> = kept
             .iter()
-            .map(|&at| match (step(&before, at), step(&after, at)) {
+            .map(|&at| match (step(before, at), step(after, at)) {
                 (Some(back), Some(on)) => (on - back) * 0.5,
                 (None, Some(on)) => on,
                 (Some(back), None) => -back,
@@ -103,11 +139,7 @@ pub fn hair(strands: &dyn StrandFrames, t: usize) -> Result<Hair, Failed> {
             .collect();
         hair.push(n as u32, &points, &motion);
     }
-    if hair.strand_count() == 0 {
-        let frame = strands.frames()[t];
-        return Err(Failed::input(format!("frame {frame} has no strands"), "name other frames, or another stage"));
-    }
-    Ok(hair)
+    hair
 }
 
 /// The pictures to make, in order.
@@ -130,7 +162,8 @@ pub fn shots(args: &RenderArgs, take: &Take, strands: &dyn StrandFrames, still: 
         return Err(Failed::input("there is no frame to render", "run the stage first"));
     };
     if let Some(count) = args.turntable {
-        let points: Vec<DVec3> = hair(strands, first)?.points.iter().step_by(5).map(|p| p.as_dvec3()).collect();
+        let points: Vec<DVec3> =
+            Moments::new(strands).hair(first)?.points.iter().step_by(5).map(|p| p.as_dvec3()).collect();
         let from = take.rig().cameras.first().map_or(DVec3::Y, |camera| camera.centre_in_world());
         let cameras = turntable(&points, -take.gravity(), from, count as usize, size.unwrap_or(SIZE));
         let shots = cameras.into_iter().enumerate();

@@ -187,7 +187,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "blend",
         summary: "strands warped, interpolated and completed",
-        version: 1,
+        version: 2,
         has_modes: true,
         settings: settings_of!(blend),
         phases: &[phase!("blend/blend", Frame, Frames, rooms::blend)],

@@ -31,7 +31,7 @@ pub mod resample;
 pub mod usc_data;
 
 /// Strands of fixed topology that are read one frame at a time, so that a long take need not fit into memory.
-pub trait StrandFrames {
+pub trait StrandFrames: Sync {
     /// Frame numbers.
     fn frames(&self) -> &[u32];
 

@@ -3,8 +3,12 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use strandflow_core::{Place, Provenance, Report, RigidTransform, SparseVoxels, StrandSequence};
-use strandflow_dynamics::warp::{WarpWeights, interpolate, warp};
+use strandflow_core::{Grid, Occupancy, Place, Provenance, Report, RigidTransform, SparseVoxels, StrandSequence};
+use strandflow_dynamics::{
+    driven::{Contact, lay_outside},
+    warp::{WarpWeights, interpolate, warp},
+};
+use strandflow_geometry::signed_distance::SignedDistance;
 use strandflow_volume::velocity::VelocitySampler;
 
 use crate::{Mode, SettingViolation, StageError, neighbours::nearest_roots};
@@ -22,6 +26,10 @@ pub struct BlendInput<'a> {
     pub world_from_head: &'a [RigidTransform],
     /// Roots of all strands in head space \[mm\], shape (N).
     pub roots: &'a [glam::DVec3],
+    /// How far each strand's simulations are from what was seen \[mm\], shape (N); not finite where there are none.
+    pub residual_mm: &'a [f32],
+    /// The hull of this frame.
+    pub hull: &'a Occupancy,
     /// Frame interval \[s\].
     pub frame_secs: f64,
     /// Edge length \[mm\].
@@ -38,10 +46,15 @@ pub struct BlendSettings {
     pub length_weight: f64,
     /// Particles at the root that follow the head exactly (robust mode; the paper fixes one).
     pub root_particles: usize,
-    /// Nearest roots from which a missing strand is completed.
-    pub completion_neighbours: usize,
+    /// A strand may lend its way to a missing one where its residual is at most this many times the median of all.
+    pub completion_residual: f64,
+    /// Arc length over which a completed strand comes to the strand that lends it its way \[mm\].
+    pub completion_join_mm: f64,
     /// Distance of a neighbour's root at which the confidence of a completed strand has halved \[mm\].
     pub completion_half_mm: f64,
+    /// How far strands may leave the hull \[mm\], robust mode: masks and hull are right to a pixel and a voxel. The hull is
+    /// taken at half its resolution.
+    pub hull_slack_mm: f64,
 }
 
 impl Default for BlendSettings {
@@ -50,8 +63,10 @@ impl Default for BlendSettings {
             relaxation: 0.25,
             length_weight: 50.0,
             root_particles: 3,
-            completion_neighbours: 4,
+            completion_residual: 2.0,
+            completion_join_mm: 20.0,
             completion_half_mm: 10.0,
+            hull_slack_mm: 2.0,
         }
     }
 }
@@ -68,11 +83,14 @@ impl BlendSettings {
         need((0.0..=1e4).contains(&self.length_weight), "blend.length_weight", self.length_weight, range);
         let range = ("1 or more", "the root must follow the head");
         need(self.root_particles >= 1, "blend.root_particles", self.root_particles as f64, range);
-        let range = ("1..=32", "a strand is completed from those around it");
-        let k = self.completion_neighbours;
-        need((1..=32).contains(&k), "blend.completion_neighbours", k as f64, range);
+        let range = ("1 or more", "half of all strands lie above 1");
+        need(self.completion_residual >= 1.0, "blend.completion_residual", self.completion_residual, range);
+        let range = ("above 0", "it is a distance");
+        need(self.completion_join_mm > 0.0, "blend.completion_join_mm", self.completion_join_mm, range);
         let range = ("above 0", "it is a distance");
         need(self.completion_half_mm > 0.0, "blend.completion_half_mm", self.completion_half_mm, range);
+        let range = ("0 or more", "strands inside the hull are free");
+        need(self.hull_slack_mm >= 0.0, "blend.hull_slack_mm", self.hull_slack_mm, range);
         found
     }
 }
@@ -90,6 +108,7 @@ const WARP_ITERATIONS: usize = 40;
 /// velocities at its own and at this frame's position. With its own alone (paper) both neighbours overshoot by ½aΔt² to
 /// the same side; the gain at angular frequency ω per frame is ½(1 + cos ω + sin² ω) = 1 + ω²/4 + …, 1.125 at 16.7 Hz and
 /// 100 fps. With the mean it is ½(1 + cos ω + ½ sin² ω) = 1 − ω⁴/16 + …, never above 1, and zero at Nyquist as before.
+/// *Deviation* (robust): strands stay inside the hull of the frame, which the paper's may leave.
 /// *Deviation* (robust): a last warp restores the edges that averaging shortens, and the root particles are not averaged.
 pub fn blend(
     input: &BlendInput,
@@ -101,8 +120,13 @@ pub fn blend(
     let samplers: Vec<VelocitySampler> = input.fields.iter().map(|field| VelocitySampler::new(field)).collect();
     let context = Context { input, mode, settings, samplers };
     let strand_count = input.sequence.strand_count;
-    let blended: Vec<Option<Vec<DVec3>>> = (0..strand_count).into_par_iter().map(|n| context.strand(n)).collect();
-    let completed = context.complete(&blended);
+    let mut blended: Vec<Option<Vec<DVec3>>> = (0..strand_count).into_par_iter().map(|n| context.strand(n)).collect();
+    let mut completed = context.complete(&blended);
+    if mode == Mode::Robust {
+        let strands =
+            blended.par_iter_mut().flatten().chain(completed.par_iter_mut().flatten().map(|(points, _)| points));
+        context.keep_in_hull(strands);
+    }
 
     let counts =
         (0..strand_count).map(|n| completed[n].as_ref().map_or(input.sequence.counts[n], |c| c.0.len() as u16));
@@ -140,14 +164,14 @@ fn check(input: &BlendInput) -> Result<Place, StageError> {
     let frames = input.sequence.frame_count();
     let place = Place::frame(input.sequence.frames.get(input.at).map_or(0, |f| *f as usize));
     let shapes = [input.fields.len(), input.world_from_head.len()];
-    if input.at >= frames || shapes.iter().any(|len| *len != frames) || input.roots.len() != input.sequence.strand_count
+    let strands = [input.roots.len(), input.residual_mm.len()];
+    if input.at >= frames
+        || shapes.iter().any(|len| *len != frames)
+        || strands.iter().any(|len| *len != input.sequence.strand_count)
     {
         let fact = format!(
-            "{frames} frames, {} fields, {} poses, {} strands, {} roots do not belong together",
-            shapes[0],
-            shapes[1],
-            input.sequence.strand_count,
-            input.roots.len()
+            "{frames} frames, {} fields, {} poses, {} strands, {} roots, {} residuals do not belong together",
+            shapes[0], shapes[1], input.sequence.strand_count, strands[0], strands[1]
         );
         return Err(StageError::Input { place, fact, hint: "run the stages `fit` and `flow` again".into() });
     }
@@ -220,6 +244,23 @@ impl Context<'_> {
         Some(warp(&wanted, self.input.edge_mm, &self.weights(), WARP_ITERATIONS).points)
     }
 
+    /// Brings strands that left the hull back to it, lengths kept. Beyond the hull some view shows what is behind the
+    /// hair: a simulated swing or a borrowed shape cannot know that, the images do.
+    fn keep_in_hull<'s>(&self, strands: impl ParallelIterator<Item = &'s mut Vec<DVec3>>) {
+        let hull = SignedDistance::from_occupancy(&halved(self.input.hull));
+        let outside = |point: DVec3| {
+            let (distance, gradient) = hull.distance_and_gradient(point);
+            let depth = distance - self.settings.hull_slack_mm;
+            let normal = (-gradient).try_normalize().filter(|_| depth > 0.0)?;
+            Some(Contact { depth, normal, on_head: false })
+        };
+        let held = self.settings.root_particles;
+        strands.for_each(|points| {
+            let given: Vec<f64> = points.windows(2).map(|pair| pair[0].distance(pair[1])).collect();
+            lay_outside(points, held, |i| (given[i - 1], given[i - 1]), outside, |_, _| {});
+        });
+    }
+
     fn weights(&self) -> WarpWeights {
         match self.mode {
             Mode::Paper => WarpWeights::PAPER,
@@ -231,65 +272,76 @@ impl Context<'_> {
         }
     }
 
-    /// Strands that are absent, grown from their roots along the mean edges of the strands around them; with confidence.
+    /// Strands that are absent, each on the way of the nearest strand that a simulation explains well; with confidence.
+    ///
+    /// *Deviation*: the paper says no more than that missing fibres are completed. The mean way of several neighbours runs where none
+    /// of them does and shakes wherever one of them does: a third of its voxels held hair and it shook three times as much
+    /// (two rendered captures: precision 0.40, 0.47 -> 0.64, 0.68; third differences 0.24, 0.20 -> 0.11, 0.09 mm).
     fn complete(&self, blended: &[Option<Vec<DVec3>>]) -> Vec<Option<(Vec<DVec3>, f32)>> {
-        // Who may lend is decided by counts, so that the choice is the same in every frame.
-        let lenders: Vec<usize> = (0..blended.len()).filter(|&n| self.input.sequence.counts[n] > 1).collect();
+        let lenders = self.lenders();
         (0..blended.len())
             .into_par_iter()
             .map(|n| {
                 if blended[n].is_some() {
                     return None;
                 }
-                let near = self.neighbours(n, &lenders);
+                let near = nearest_roots(self.input.roots, n, &lenders, LENDERS_TRIED);
+                let (squared, lent) = near.iter().find_map(|&(d, m)| Some((d, blended[m].as_deref()?)))?;
                 let count = match self.input.sequence.counts[n] {
-                    0 => weighted_median(&near, &self.input.sequence.counts),
+                    0 => lent.len(),
                     count => count as usize,
                 };
-                let lent: Vec<(f64, &[DVec3])> =
-                    near.iter().filter_map(|&(m, w, _)| Some((w, blended[m].as_deref()?))).collect();
                 let root = self.input.world_from_head[self.input.at].point(self.input.roots[n]);
-                let points = grown(root, count, &lent, self.input.edge_mm)?;
-                let nearest = near.first().map_or(f64::INFINITY, |(_, _, distance)| *distance);
-                let trust = 0.5 * (-std::f64::consts::LN_2 * nearest / self.settings.completion_half_mm).exp();
+                let points = joined(root, count, lent, self.input.edge_mm, self.settings.completion_join_mm)?;
+                let trust = 0.5 * (-std::f64::consts::LN_2 * squared.sqrt() / self.settings.completion_half_mm).exp();
                 Some((points, trust as f32))
             })
             .collect()
     }
 
-    /// The lenders of nearest roots: strand, weight (inverse distance), distance \[mm\]; nearest first.
-    fn neighbours(&self, n: usize, lenders: &[usize]) -> Vec<(usize, f64, f64)> {
-        let near = nearest_roots(self.input.roots, n, lenders, self.settings.completion_neighbours);
-        near.into_iter().map(|(d, m)| (m, 1.0 / (d.sqrt() + 0.5), d.sqrt())).collect()
-    }
-}
-
-/// The count at which half of the weight is reached; 0 without neighbours.
-fn weighted_median(near: &[(usize, f64, f64)], counts: &[u16]) -> usize {
-    let mut pairs: Vec<(u16, f64)> = near.iter().map(|&(m, w, _)| (counts[m], w)).collect();
-    pairs.sort_by_key(|(count, _)| *count);
-    let half = 0.5 * pairs.iter().map(|(_, w)| w).sum::<f64>();
-    let mut reached = 0.0;
-    for (count, weight) in &pairs {
-        reached += weight;
-        if reached >= half {
-            return *count as usize;
+    /// The strands that may lend their way. Counts and residuals are those of the whole take, so that a missing strand has the
+    /// same lender in every frame.
+    fn lenders(&self) -> Vec<usize> {
+        let fitted: Vec<usize> = (0..self.input.roots.len()).filter(|&n| self.input.sequence.counts[n] > 1).collect();
+        let residual = |n: &usize| self.input.residual_mm.get(*n).copied().filter(|r| r.is_finite());
+        let mut known: Vec<f32> = fitted.iter().filter_map(residual).collect();
+        if known.is_empty() {
+            return fitted;
         }
+        let middle = known.len() / 2;
+        let median = *known.select_nth_unstable_by(middle, f32::total_cmp).1;
+        let most = self.settings.completion_residual * f64::from(median);
+        fitted.into_iter().filter(|n| residual(n).is_some_and(|r| f64::from(r) <= most)).collect()
     }
-    0
 }
 
-/// A strand from `root` along the weighted mean edges of `lent`, every edge `edge_mm` long; past the end of all lenders it
-/// goes on straight. `None` without lenders or points.
-fn grown(root: DVec3, count: usize, lent: &[(f64, &[DVec3])], edge_mm: f64) -> Option<Vec<DVec3>> {
-    if lent.is_empty() || count == 0 || !root.is_finite() {
+/// The voxels of twice the size that hold a voxel: an eighth of the work, and never smaller.
+fn halved(occupancy: &Occupancy) -> Occupancy {
+    let fine = occupancy.grid;
+    let grid = Grid { voxel_mm: 2.0 * fine.voxel_mm, dims: fine.dims.map(|n| n.div_ceil(2)), ..fine };
+    let mut coarse = Occupancy::empty(grid);
+    occupancy.indices().for_each(|voxel| coarse.set(grid.index(fine.coordinates(voxel).map(|k| k / 2)), true));
+    coarse
+}
+
+/// Lenders that are looked at: the nearest may lack a point in this frame.
+const LENDERS_TRIED: usize = 8;
+
+/// A strand from `root` that comes to `lent` over `join_mm` of arc length and follows it, every edge `edge_mm` long; past its
+/// end it goes on straight. `None` without points.
+fn joined(root: DVec3, count: usize, lent: &[DVec3], edge_mm: f64, join_mm: f64) -> Option<Vec<DVec3>> {
+    if lent.len() < 2 || count == 0 || !root.is_finite() {
         return None;
     }
-    let (mut points, mut direction) = (vec![root], DVec3::ZERO);
+    let last = lent[lent.len() - 1];
+    let onward = last - lent[lent.len() - 2];
+    let aside = root - lent[0];
+    let mut points = vec![root];
     for i in 1..count {
-        let mean: DVec3 = lent.iter().filter(|(_, p)| p.len() > i).map(|(w, p)| (p[i] - p[i - 1]) * *w).sum();
-        direction = mean.try_normalize().unwrap_or(direction);
-        points.push(points[i - 1] + direction * edge_mm);
+        let way = lent.get(i).copied().unwrap_or_else(|| last + onward * (i + 1 - lent.len()) as f64);
+        let aim = way + aside * (-(i as f64) * edge_mm / join_mm).exp();
+        let before = points[i - 1];
+        points.push(before + (aim - before).normalize_or(onward.normalize_or_zero()) * edge_mm);
     }
     Some(points)
 }

@@ -50,16 +50,44 @@ fn sequence(start: usize, sigma: f64, counts: &[u16]) -> StrandSequence {
     out
 }
 
-/// The middle frame of five, blended with fields of the strands themselves.
+const GRID: Grid = Grid { origin: DVec3::splat(-190.0), voxel_mm: 2.0, dims: [190, 190, 140] };
+
+/// The middle frame of five, blended with fields of the strands themselves; the hull is everywhere.
 fn blended(sequence: &StrandSequence, mode: Mode) -> StrandSequence {
-    let grid = Grid { origin: DVec3::splat(-190.0), voxel_mm: 2.0, dims: [190, 190, 140] };
-    let hull = Occupancy::empty(grid);
+    blended_in(sequence, &everywhere(), mode)
+}
+
+fn everywhere() -> Occupancy {
+    let mut hull = Occupancy::empty(GRID);
+    (0..GRID.len()).for_each(|voxel| hull.set(voxel, true));
+    hull
+}
+
+/// The same where the simulations are off by this much.
+fn blended_by(sequence: &StrandSequence, residual_mm: &[f32]) -> StrandSequence {
+    blended_of(sequence, &everywhere(), residual_mm, Mode::Robust)
+}
+
+/// The same in a hull.
+fn blended_in(sequence: &StrandSequence, hull: &Occupancy, mode: Mode) -> StrandSequence {
+    blended_of(sequence, hull, &vec![0.5; sequence.strand_count], mode)
+}
+
+fn blended_of(sequence: &StrandSequence, hull: &Occupancy, residual_mm: &[f32], mode: Mode) -> StrandSequence {
+    let grid = GRID;
     let frame_points =
         |t: usize| &sequence.points[t * sequence.strand_count * POINTS..][..sequence.strand_count * POINTS];
     let fields: Vec<SparseVoxels<Vec3>> = (1..4)
         .map(|t| {
             let points = [frame_points(t - 1), frame_points(t), frame_points(t + 1)];
-            let input = FlowInput { frame: t, grid, hull: &hull, points, point_count: POINTS, span_secs: 2.0 * SECS };
+            let input = FlowInput {
+                frame: t,
+                grid,
+                hull: &Occupancy::empty(grid),
+                points,
+                point_count: POINTS,
+                span_secs: 2.0 * SECS,
+            };
             flow(&input, mode, &FlowSettings::default(), &mut Report::default()).unwrap()
         })
         .collect();
@@ -74,6 +102,8 @@ fn blended(sequence: &StrandSequence, mode: Mode) -> StrandSequence {
         fields: &fields.iter().collect::<Vec<_>>(),
         world_from_head: &three.frames.iter().map(|f| pose(*f as f64)).collect::<Vec<_>>(),
         roots: &(0..sequence.strand_count).map(root).collect::<Vec<_>>(),
+        residual_mm,
+        hull,
         frame_secs: SECS,
         edge_mm: 5.0,
     };
@@ -95,6 +125,40 @@ fn clean_motion_is_hardly_damaged_even_where_it_accelerates_most() {
     let damage = mean_error(&blended(&clean, Mode::Robust), 16.0);
     println!("clean damage {damage:.3} mm");
     assert!(damage < 0.1, "{damage} mm");
+}
+
+#[test]
+fn strands_that_left_the_hull_come_back_with_their_lengths() {
+    let mut counts = [POINTS as u16; STRANDS];
+    // One strand is absent and completed.
+    counts[2] = 0;
+    let clean = sequence(7, 0.0, &counts);
+    let free = blended(&clean, Mode::Robust);
+    // A hull that ends above the lowest tenth of the points.
+    let mut heights: Vec<f32> = free.points.iter().map(|p| p.z).filter(|z| z.is_finite()).collect();
+    heights.sort_by(f32::total_cmp);
+    let floor = f64::from(heights[heights.len() / 10]);
+    let mut hull = Occupancy::empty(GRID);
+    (0..GRID.len()).filter(|&v| GRID.centre_of_index(v).z > floor).for_each(|voxel| hull.set(voxel, true));
+    let lowest = |strands: &StrandSequence| strands.points.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
+    let kept = blended_in(&clean, &hull, Mode::Robust);
+    let floor = floor as f32;
+    assert!(lowest(&free) < floor - 8.0, "nothing leaves this hull: {} {floor}", lowest(&free));
+    // A voxel of twice the size, and the slack.
+    assert!(lowest(&kept) > floor - 4.5, "{} {floor}", lowest(&kept));
+    assert!(lowest(&blended_in(&clean, &hull, Mode::Paper)) < floor - 8.0, "the paper knows no hull");
+    for n in 0..STRANDS {
+        let edges = |s: &StrandSequence| s.strand(0, n).windows(2).map(|e| e[0].distance(e[1])).collect::<Vec<f32>>();
+        edges(&kept).iter().zip(edges(&free)).for_each(|(a, b)| assert!((a - b).abs() < 0.05, "{n}: {a} {b}"));
+        let inside = |p: &&Vec3| p.z > floor + 20.0;
+        let (same, all) = kept
+            .strand(0, n)
+            .iter()
+            .zip(free.strand(0, n))
+            .filter(|(_, b)| inside(b))
+            .fold((0, 0), |(s, a), (x, y)| (s + usize::from(x == y), a + 1));
+        assert_eq!(same, all, "{n}: what is far inside stays");
+    }
 }
 
 #[test]
@@ -121,6 +185,30 @@ fn noise_falls_and_lengths_return() {
     }
 }
 
+fn distance_to_edge(point: DVec3, [a, b]: [DVec3; 2]) -> f64 {
+    let along = ((point - a).dot(b - a) / (b - a).length_squared()).clamp(0.0, 1.0);
+    point.distance(a + (b - a) * along)
+}
+
+#[test]
+fn strands_that_no_simulation_explains_lend_nothing() {
+    let mut counts = [POINTS as u16; STRANDS];
+    counts[23] = 0;
+    let clean = sequence(7, 0.0, &counts);
+    let nearest = (0..STRANDS)
+        .filter(|n| *n != 23)
+        .min_by(|a, b| root(*a).distance(root(23)).total_cmp(&root(*b).distance(root(23))));
+    let nearest = nearest.unwrap();
+    let mut residual_mm = vec![0.5; STRANDS];
+    let good = blended_by(&clean, &residual_mm);
+    residual_mm[nearest] = 5.0;
+    let bad = blended_by(&clean, &residual_mm);
+    let tip = |s: &StrandSequence, n: usize| s.strand(0, n)[POINTS - 1].as_dvec3();
+    assert!(tip(&good, 23).distance(tip(&good, nearest)) < 2.0);
+    assert!(tip(&bad, 23).distance(tip(&bad, nearest)) > 4.0, "it still follows the strand beside it");
+    assert_eq!(tip(&good, nearest), tip(&bad, nearest));
+}
+
 #[test]
 fn absent_strands_are_completed_alike_in_every_frame() {
     let mut counts = [POINTS as u16; STRANDS];
@@ -132,9 +220,20 @@ fn absent_strands_are_completed_alike_in_every_frame() {
     assert!(results[0].counts.iter().all(|&count| count >= 18));
     for n in [23, 24, 41] {
         assert!(results[0].range(0, n).all(|i| results[0].provenance[i] == Provenance::Completed));
-        let last = results[0].counts[n] as usize - 1;
-        let off = results[0].strand(0, n)[last].as_dvec3().distance(truth(9.0, n, last));
-        assert!(off < 0.5, "strand {n} tip {off} mm off");
+        // From its own root to the way of the strand beside it.
+        assert!(results[0].strand(0, n)[0].as_dvec3().distance(pose(9.0).point(root(n))) < 1e-3);
+        let tip = results[0].strand(0, n)[results[0].counts[n] as usize - 1].as_dvec3();
+        let beside =
+            (0..STRANDS).filter(|m| results[0].provenance[results[0].range(0, *m).start] != Provenance::Completed);
+        let off = |m: usize| -> f64 {
+            let strand = results[0].strand(0, m);
+            strand
+                .windows(2)
+                .map(|e| distance_to_edge(tip, [e[0].as_dvec3(), e[1].as_dvec3()]))
+                .fold(f64::INFINITY, f64::min)
+        };
+        let off = beside.map(off).fold(f64::INFINITY, f64::min);
+        assert!(off < 0.5, "the tip of strand {n} is {off} mm off all others");
         assert!(results[0].strand(0, n).windows(2).all(|e| (e[0].distance(e[1]) - 5.0).abs() < 1e-3));
     }
     assert!(results[0].range(0, 0).all(|i| results[0].provenance[i] == Provenance::Observed));

@@ -5,7 +5,7 @@ use strandflow_core::Report;
 use strandflow_stages::blend::BlendInput;
 
 use super::{
-    ensure, flow, frame_of, need_grid, need_pose, need_scalp, of_stage, refs, smooth::trim::point_count, strand_arrays,
+    ensure, flow, frame_of, need_hull, need_pose, need_scalp, of_stage, refs, smooth::trim::point_count, strand_arrays,
 };
 use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
 
@@ -18,14 +18,15 @@ pub(crate) fn prepare(job: &Job) -> Result<(), EngineError> {
 }
 
 pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), EngineError> {
-    let frames = flow::around(job, frame_of(item)?);
+    let frame = frame_of(item)?;
+    let frames = flow::around(job, frame);
     needs.value("values", "fps", &job.take.manifest().fps);
     needs.value("values", "edge_mm", &job.plan.settings.smooth.edge_mm);
     needs.value("values", "around", &frames);
-    need_grid(needs)?;
+    need_hull(frame, needs)?;
     need_scalp(needs)?;
     need_pose(job, frames.start..frames.end, needs)?;
-    flow::need_fit(job, needs)?;
+    flow::need_fit(job, &["fit/residual_mm"], needs)?;
     (frames.start..frames.end).try_for_each(|t| {
         let arrays = ["voxel", "velocity"].map(|name| format!("flow/{t:06}/{name}"));
         needs.item(&Item::Frame(t).key("flow/flow"), &arrays.each_ref().map(String::as_str))
@@ -45,6 +46,8 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
         fields: &refs(&fields),
         world_from_head: &poses,
         roots: &take.read_scalp()?.roots,
+        residual_mm: &take.store().read_all::<f32>("fit/residual_mm")?,
+        hull: &take.read_hull(frame)?,
         frame_secs: take.frame_secs(),
         edge_mm: job.plan.settings.smooth.edge_mm,
     };

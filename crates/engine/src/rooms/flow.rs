@@ -11,9 +11,9 @@ pub(crate) fn prepare(_: &Job) -> Result<(), EngineError> {
     Ok(())
 }
 
-/// The fitted strands of all blocks.
-pub(crate) fn need_fit(job: &Job, needs: &mut Needs) -> Result<(), EngineError> {
-    let arrays = ["fit/points", "fit/provenance", "fit/confidence", "fit/counts"];
+/// The fitted strands of all blocks, and more of what `fit` found of them.
+pub(crate) fn need_fit(job: &Job, more: &[&str], needs: &mut Needs) -> Result<(), EngineError> {
+    let arrays = [&["fit/points", "fit/provenance", "fit/confidence", "fit/counts"], more].concat();
     (0..job.take.block_count()?).try_for_each(|block| needs.item(&Item::Block(block).key("fit/fit"), &arrays))
 }
 
@@ -28,7 +28,7 @@ pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), Engi
     needs.value("values", "fps", &job.take.manifest().fps);
     needs.value("values", "around", &around(job, frame));
     need_hull(frame, needs)?;
-    need_fit(job, needs)
+    need_fit(job, &[], needs)
 }
 
 pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {
