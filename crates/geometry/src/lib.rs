@@ -3,6 +3,7 @@
 pub mod align;
 pub mod blue_noise;
 pub mod icp;
+pub mod lens;
 pub mod mesh_distance;
 pub mod polyline;
 pub mod primitives;
