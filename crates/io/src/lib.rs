@@ -26,7 +26,7 @@ pub mod video_out;
 pub mod whole_file;
 
 pub use alembic::write_alembic;
-pub use calibration::{Calibration, read_calibration, rig_for_views};
+pub use calibration::{Calibration, ReadOptions, read_calibration, read_calibration_with, rig_for_views};
 pub use cards::Cards;
 pub use error::{At, IoError};
 pub use groom::{Groom, read_groom};
