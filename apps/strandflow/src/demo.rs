@@ -19,7 +19,16 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failed> {
     prepare(take, args.force)?;
     let capture = take.join("capture");
     synth::make(&SynthSpec::demo(Style::Straight), &capture)?;
-    new::new(&NewArgs { take: take.clone(), capture: capture.clone(), hold_out: Vec::new() })?;
+    new::new(&NewArgs {
+        take: take.clone(),
+        capture: capture.clone(),
+        calibration: None,
+        unit: None,
+        convention: None,
+        fps: None,
+        up: None,
+        hold_out: Vec::new(),
+    })?;
     ask_for_fewer_strands(&take.join("strandflow.toml"))?;
     run::run(&RunArgs {
         take: take.clone(),

@@ -63,6 +63,8 @@ pub struct Calibration {
     pub gravity: Option<DVec3>,
     /// Frames per second, where the file has it.
     pub fps: Option<f64>,
+    /// Millimetres a unit of the file, where it was told or guessed because the file does not say.
+    pub unit_mm: Option<f64>,
     /// What was converted, told apart or had to be assumed.
     pub notes: Vec<String>,
 }

@@ -132,7 +132,7 @@ mod tests {
             ("fish", Distortion::Polynomial(PolynomialLens { fisheye: true, radial: [0.1; 4], ..Default::default() })),
         ];
         let rig = Rig { cameras: lenses.map(camera).into() };
-        Calibration { rig, gravity: Some(DVec3::new(0.0, -9810.0, 0.1)), fps: Some(59.94), notes: vec![] }
+        Calibration { rig, gravity: Some(DVec3::new(0.0, -9810.0, 0.1)), fps: Some(59.94), ..Calibration::default() }
     }
 
     fn read(text: &str) -> Result<Calibration, IoError> {

@@ -87,7 +87,8 @@ pub(crate) fn settle(path: &Path, mut file: Described, options: &ReadOptions) ->
     }
     let gravity = file.gravity.map(|g| g * unit_mm);
     check_numbers(path, gravity, file.fps)?;
-    Ok(Calibration { rig: Rig { cameras }, gravity, fps: file.fps, notes })
+    let unit_mm = (!matches!(file.unit, Unit::Stated(_))).then_some(unit_mm);
+    Ok(Calibration { rig: Rig { cameras }, gravity, fps: file.fps, unit_mm, notes })
 }
 
 fn poses_of(
@@ -122,7 +123,7 @@ fn poses_of(
         return read(fallback);
     }
     let fact = "does not say which way its poses lead, and the cameras do not tell";
-    Err(IoError::content(path, At::FILE, fact, format!("give the convention by name: --convention {CONVENTION_WORDS}")))
+    Err(IoError::content(path, At::FILE, fact, format!("give the convention by name: `new --convention` with {CONVENTION_WORDS}")))
 }
 
 fn in_words((pose, axes): (Pose, Axes)) -> &'static str {
