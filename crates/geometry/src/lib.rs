@@ -9,5 +9,6 @@ pub mod polyline;
 pub mod primitives;
 pub mod project;
 pub mod signed_distance;
+pub mod sketch;
 pub mod surface_nets;
 pub mod triangulate;
