@@ -45,6 +45,7 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failed> {
         truth: Some(capture.join("gt")),
         stage: None,
         strands: None,
+        sketches: false,
         json: Some(scores.clone()),
     })?;
     let folder = take.join("export");

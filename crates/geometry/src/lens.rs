@@ -78,11 +78,9 @@ fn tilted(terms: &[f64; 14], n: DVec2) -> DVec2 {
     // The plane of the sensor, turned about x and then about y, seen along the axis.
     let turn = DMat3::from_rotation_y(-tilt_y) * DMat3::from_rotation_x(-tilt_x);
     let axis = turn.z_axis;
-    let seen = DMat3::from_cols(
-        DVec3::new(axis.z, 0.0, 0.0),
-        DVec3::new(0.0, axis.z, 0.0),
-        DVec3::new(-axis.x, -axis.y, 1.0),
-    ) * (turn * flat.extend(1.0));
+    let seen =
+        DMat3::from_cols(DVec3::new(axis.z, 0.0, 0.0), DVec3::new(0.0, axis.z, 0.0), DVec3::new(-axis.x, -axis.y, 1.0))
+            * (turn * flat.extend(1.0));
     DVec2::new(seen.x / seen.z, seen.y / seen.z)
 }
 

@@ -93,7 +93,8 @@ fn evenly<P: Point>(points: &[P], count: usize) -> Vec<P> {
 
 /// The two drawings whose middle rays meet under the angle nearest to a right one.
 fn widest_pair(drawn: &[(&Camera, Vec<DVec2>)]) -> Option<(usize, usize)> {
-    let axis: Vec<DVec3> = drawn.iter().map(|(camera, points)| ray(camera, points[points.len() / 2]).direction).collect();
+    let axis: Vec<DVec3> =
+        drawn.iter().map(|(camera, points)| ray(camera, points[points.len() / 2]).direction).collect();
     let pairs = (0..drawn.len()).flat_map(|a| (a + 1..drawn.len()).map(move |b| (a, b)));
     let sine = |&(a, b): &(usize, usize)| axis[a].cross(axis[b]).length();
     pairs.max_by(|a, b| sine(a).total_cmp(&sine(b))).filter(|pair| sine(pair) > 0.02)
@@ -108,8 +109,7 @@ fn matched(a: &(&Camera, Vec<DVec2>), b: &(&Camera, Vec<DVec2>)) -> Option<Vec<D
         Some((miss(&seen[0])? + miss(&seen[1])?, point))
     };
     let (n, m) = (a.1.len(), b.1.len());
-    let costs: Vec<f64> =
-        (0..n * m).map(|at| place(at / m, at % m).map_or(1e6, |(cost, _)| cost.min(1e6))).collect();
+    let costs: Vec<f64> = (0..n * m).map(|at| place(at / m, at % m).map_or(1e6, |(cost, _)| cost.min(1e6))).collect();
     // Steps along one drawing alone cost a little, so that flat stretches (along an epipolar line) are walked evenly.
     const ALONE: f64 = 0.05;
     let mut best = vec![f64::INFINITY; n * m];

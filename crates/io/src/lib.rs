@@ -17,6 +17,7 @@ pub mod obj;
 mod placed;
 pub mod root_uv;
 pub mod scene;
+pub mod sketches;
 pub mod source;
 pub mod space;
 pub mod strands;

@@ -6,8 +6,8 @@ use strandflow_core::{Camera, Rig};
 use strandflow_io::{
     Calibration, ReadOptions,
     calibration::{
-        KNOWN_NAMES, MatchedBy, gaze_of_rig, looks_like_calibration, match_views, own_toml::toml_text, read_calibration,
-        read_calibration_with,
+        KNOWN_NAMES, MatchedBy, gaze_of_rig, looks_like_calibration, match_views, own_toml::toml_text,
+        read_calibration, read_calibration_with,
     },
     rig_for_views,
 };
@@ -100,8 +100,7 @@ fn matched(file: &Path, rig: &Rig, views: &[View], said: &mut Vec<String>) -> Re
         let pairs = pairs.collect::<Vec<_>>().join(", ");
         said.push(format!("views and cameras are matched by {}: {pairs}", in_words(found.by)));
     }
-    let unused: Vec<&str> =
-        (0..cameras.len()).filter(|at| !found.cameras.contains(at)).map(|at| cameras[at]).collect();
+    let unused: Vec<&str> = (0..cameras.len()).filter(|at| !found.cameras.contains(at)).map(|at| cameras[at]).collect();
     if !unused.is_empty() {
         said.push(format!("cameras without footage are left out: {}", unused.join(", ")));
     }

@@ -28,7 +28,8 @@ pub(super) fn plates(capture: &Path, views: &[View], said: &mut Vec<String>) -> 
         return Err(EngineError::input(place, "there is no clean plate", hint));
     };
     let plates: Vec<PathBuf> = matched.cameras.iter().map(|&at| candidates[at].1.clone()).collect();
-    let pairs: Vec<String> = names.iter().zip(&plates).map(|(name, plate)| format!("{name} = {}", last(plate))).collect();
+    let pairs: Vec<String> =
+        names.iter().zip(&plates).map(|(name, plate)| format!("{name} = {}", last(plate))).collect();
     said.push(format!("clean plates by {}: {}", super::calibrated::in_words(matched.by), pairs.join(", ")));
     still(plates, views)
 }
@@ -104,7 +105,8 @@ pub(super) fn labels(capture: &Path, views: &[View], said: &mut Vec<String>) -> 
         })
     };
     let markers = or_later(there("marker_labels.json"), "marker_labels.json", "marker labels of the first frame");
-    let hair_masks = or_later(there("hair_masks"), "hair_masks", "a hair mask of the first frame, VIEW/000000.png each");
+    let hair_masks =
+        or_later(there("hair_masks"), "hair_masks", "a hair mask of the first frame, VIEW/000000.png each");
     let subject_masks = there("subject_masks");
     if let Some(folder) = &subject_masks {
         said.push(format!("subject masks given by hand: {}", folder.display()));

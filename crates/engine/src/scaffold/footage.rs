@@ -22,8 +22,30 @@ const VIDEOS: [&str; 12] = ["mp4", "mov", "avi", "mkv", "webm", "m4v", "mpg", "m
 
 /// Words in the names of folders and files that are no footage.
 const NO_FOOTAGE: [&str; 25] = [
-    "clean", "plate", "plates", "background", "backgrounds", "empty", "bg", "mask", "masks", "matte", "mattes", "alpha",
-    "segmentation", "depth", "depths", "normals", "gt", "truth", "user", "export", "sparse", "colmap", "dense", "results",
+    "clean",
+    "plate",
+    "plates",
+    "background",
+    "backgrounds",
+    "empty",
+    "bg",
+    "mask",
+    "masks",
+    "matte",
+    "mattes",
+    "alpha",
+    "segmentation",
+    "depth",
+    "depths",
+    "normals",
+    "gt",
+    "truth",
+    "user",
+    "export",
+    "sparse",
+    "colmap",
+    "dense",
+    "results",
     "chessboard",
 ];
 
@@ -60,7 +82,11 @@ pub(super) fn find(capture: &Path, calibration: &Path, said: &mut Vec<String>) -
     let place = || capture.display().to_string();
     let mut sources = if videos.len() >= 2 {
         if folders.len() >= 2 {
-            said.push(format!("{} videos are taken as views, {} folders of images are not", videos.len(), folders.len()));
+            said.push(format!(
+                "{} videos are taken as views, {} folders of images are not",
+                videos.len(),
+                folders.len()
+            ));
         }
         named_videos(&videos)
     } else if folders.len() >= 2 {

@@ -13,7 +13,12 @@ fn image(path: &Path, size: [usize; 2]) {
 }
 
 /// A capture of three views; `frame` and `plate` give the paths by view and frame.
-fn capture(root: &Path, size: [usize; 2], frame: impl Fn(usize, usize) -> String, plate: impl Fn(usize) -> String) -> PathBuf {
+fn capture(
+    root: &Path,
+    size: [usize; 2],
+    frame: impl Fn(usize, usize) -> String,
+    plate: impl Fn(usize) -> String,
+) -> PathBuf {
     let folder = root.join("capture");
     for view in 0..3 {
         for t in 0..2 {
@@ -57,13 +62,21 @@ fn every_dialect_makes_a_take_whose_rig_reads_as_the_calibration() {
         let new = NewTake { unit_mm: unit.and_then(named_unit), ..asked(root.path(), usual(root.path(), SIZE), file) };
         let made = new_take(&new).unwrap_or_else(|error| panic!("{file}: {error}\n{}", error.hint()));
         let rig = rig(&new);
-        assert_eq!(rig.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>(), ["cam00", "cam01", "cam02"], "{file}");
+        assert_eq!(
+            rig.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>(),
+            ["cam00", "cam01", "cam02"],
+            "{file}"
+        );
         for (i, camera) in rig.cameras.iter().enumerate() {
             let there = camera.camera_from_world.translation;
             let expected = DVec3::new(20.0 * i as f64 - 10.0, 15.0, 1100.0 + 100.0 * i as f64);
             assert!((there - expected).length() < 1e-6, "{file}: {there}\n{}", made.said.join("\n"));
         }
-        assert!(made.said.iter().any(|line| line.contains("1100") || line.contains("mm from the place")), "{:?}", made.said);
+        assert!(
+            made.said.iter().any(|line| line.contains("1100") || line.contains("mm from the place")),
+            "{:?}",
+            made.said
+        );
         assert_eq!(made.missing.len(), 2, "labels and masks are nowhere");
     }
 }

@@ -47,7 +47,11 @@ fn fps(
         (fps, "the videos; slow motion that plays slowly needs --fps with the rate of the recording")
     } else {
         let fact = "neither calibration nor footage says how many frames there are a second";
-        return Err(EngineError::input(calibration.display().to_string(), fact, "give the rate of the recording: --fps 100"));
+        return Err(EngineError::input(
+            calibration.display().to_string(),
+            fact,
+            "give the rate of the recording: --fps 100",
+        ));
     };
     said.push(format!("{fps} frames a second, by {by}"));
     if let Some(videos) = agreed.filter(|videos| (videos - fps).abs() > 1e-3 * fps) {
@@ -64,7 +68,8 @@ fn gravity(calibrated: &Calibrated, asked: &NewTake, said: &mut Vec<String>) -> 
         return gravity;
     }
     let cameras = &calibrated.calibration.rig.cameras;
-    let down = cameras.iter().map(|camera| camera.camera_from_world.rotation.row(1)).sum::<DVec3>() / cameras.len() as f64;
+    let down =
+        cameras.iter().map(|camera| camera.camera_from_world.rotation.row(1)).sum::<DVec3>() / cameras.len() as f64;
     let axes = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z];
     let nearest = axes.into_iter().max_by(|a, b| a.dot(down).total_cmp(&b.dot(down))).unwrap_or(DVec3::NEG_Z);
     if down.length() < 0.5 {

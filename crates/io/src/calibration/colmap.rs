@@ -73,7 +73,10 @@ pub(super) fn described(folder: &Path) -> Result<Described, IoError> {
             }
         }
         if moved > 0 {
-            notes.push(format!("the poses of {moved} of {} images are those of the model's rigs and frames", images.len()));
+            notes.push(format!(
+                "the poses of {moved} of {} images are those of the model's rigs and frames",
+                images.len()
+            ));
         }
     }
     let parts = cameras_of_model(&cameras_file, &images_file, &cameras, images, &mut notes)?;
@@ -116,7 +119,9 @@ fn cameras_of_model(
         views.insert(view, parts);
     }
     if left_out > 0 {
-        notes.push(format!("{left_out} further images of views are left out: of each view the first image's pose counts"));
+        notes.push(format!(
+            "{left_out} further images of views are left out: of each view the first image's pose counts"
+        ));
     }
     Ok(views.into_values().collect())
 }

@@ -160,7 +160,11 @@ fn frames_from_text(file: &Path, text: &str) -> Result<Vec<Frame>, IoError> {
     Ok(frames)
 }
 
-fn pose_from_words<'a>(file: &Path, line: usize, words: &mut impl Iterator<Item = &'a str>) -> Result<FilePose, IoError> {
+fn pose_from_words<'a>(
+    file: &Path,
+    line: usize,
+    words: &mut impl Iterator<Item = &'a str>,
+) -> Result<FilePose, IoError> {
     let mut numbers = [0.0; 7];
     for number in &mut numbers {
         *number = parse(file, line, words.next(), "pose")?;

@@ -115,16 +115,18 @@ fn described_folder(folder: &Path, options: &ReadOptions) -> Result<Described, I
 }
 
 /// The cameras of several files as those of one.
-fn all_of(
-    files: Vec<PathBuf>,
-    read: impl Fn(&Path) -> Result<Described, IoError>,
-) -> Result<Described, IoError> {
+fn all_of(files: Vec<PathBuf>, read: impl Fn(&Path) -> Result<Described, IoError>) -> Result<Described, IoError> {
     let mut all: Option<Described> = None;
     for file in files {
         let one = read(&file)?;
         match &mut all {
             None => all = Some(one),
-            Some(all) if all.dialect == one.dialect && all.unit == one.unit && all.pose == one.pose && all.axes == one.axes => {
+            Some(all)
+                if all.dialect == one.dialect
+                    && all.unit == one.unit
+                    && all.pose == one.pose
+                    && all.axes == one.axes =>
+            {
                 all.cameras.extend(one.cameras);
             }
             Some(all) => {
@@ -137,7 +139,8 @@ fn all_of(
 }
 
 fn is_colmap(folder: &Path) -> bool {
-    let pair = |ending: &str| ["cameras", "images"].iter().all(|part| folder.join(format!("{part}.{ending}")).is_file());
+    let pair =
+        |ending: &str| ["cameras", "images"].iter().all(|part| folder.join(format!("{part}.{ending}")).is_file());
     pair("bin") || pair("txt")
 }
 
@@ -173,7 +176,9 @@ fn json(path: &Path, text: &str, options: &ReadOptions) -> Result<Described, IoE
         nerfstudio::described(path, &value, options)
     } else if has("world_2_cam") {
         nersemble::described(path, &value)
-    } else if json_tree::holds_opencv_matrix(&value) || !value.get("cameras").is_some_and(|c| c.is_array()) && !has("units") {
+    } else if json_tree::holds_opencv_matrix(&value)
+        || !value.get("cameras").is_some_and(|c| c.is_array()) && !has("units")
+    {
         opencv_json::described(path, &value)
     } else {
         plain_json::described(path, text)
@@ -196,7 +201,8 @@ pub fn looks_like_calibration(path: &Path) -> bool {
         let below = ["", "0"].map(|below| path.join(below));
         return below.iter().any(|folder| is_colmap(folder)) || easymocap::is_folder(path) || {
             let kinds: &[&[&str]] = &[&["yml", "yaml", "xml"], &["txt", "cam", "krtd"]];
-            let is_named = KNOWN_NAMES.iter().any(|name| path.file_name().is_some_and(|n| n.eq_ignore_ascii_case(name)));
+            let is_named =
+                KNOWN_NAMES.iter().any(|name| path.file_name().is_some_and(|n| n.eq_ignore_ascii_case(name)));
             is_named && kinds.iter().any(|endings| files_of(path, endings).is_ok_and(|files| !files.is_empty()))
         };
     }

@@ -88,9 +88,8 @@ fn camera(
         .and_then(|v| rows_of(&v))
         .or_else(|| vector().map(rows_from_rotation_vector))
         .ok_or_else(|| lacks(extri, "rotation Rot_ or R_"))?;
-    let translation = of(outer, "T")
-        .and_then(|v| <[f64; 3]>::try_from(v).ok())
-        .ok_or_else(|| lacks(extri, "translation T_"))?;
+    let translation =
+        of(outer, "T").and_then(|v| <[f64; 3]>::try_from(v).ok()).ok_or_else(|| lacks(extri, "translation T_"))?;
     let side = |key: &str| of(inner, key).and_then(|v| v.first().copied()).map(|side| side as usize);
     Ok(CameraParts {
         name: name.to_owned(),

@@ -44,7 +44,8 @@ fn the_known_point_lands_on_the_known_pixels() {
     let all = expected();
     assert!(all.files.len() >= 20);
     for file in &all.files {
-        let read = read_calibration_with(&data(&file.path), &options(file)).unwrap_or_else(|e| panic!("{e}\n{}", e.hint()));
+        let read =
+            read_calibration_with(&data(&file.path), &options(file)).unwrap_or_else(|e| panic!("{e}\n{}", e.hint()));
         assert_eq!(read.rig.view_count(), file.cameras.len(), "{}", file.path);
         for camera in &read.rig.cameras {
             assert_eq!([camera.width, camera.height], [640, 480]);
@@ -93,7 +94,8 @@ fn metres_are_told_by_the_distance_of_the_cameras_unless_the_scale_is_arbitrary(
 #[test]
 fn files_are_told_by_content_when_their_names_do_not_tell() {
     let dir = tempfile::tempdir().unwrap();
-    for (file, as_name) in [("opencv_k12.json", "rig.txt"), ("metashape.xml", "rig"), ("cameras_sphere.npz", "rig.dat")] {
+    for (file, as_name) in [("opencv_k12.json", "rig.txt"), ("metashape.xml", "rig"), ("cameras_sphere.npz", "rig.dat")]
+    {
         let path = dir.path().join(as_name);
         std::fs::copy(data(file), &path).unwrap();
         let all = expected();

@@ -65,7 +65,8 @@ pub(super) fn only_sensible(readings: &[Vec<RigidTransform>]) -> Option<usize> {
     // Axes of a rig aimed by hand miss by up to a third of the distance; a wrong reading that looks as good as that misses
     // by a whole distance or more, or looks away.
     let others = (0..readings.len()).filter(|&i| i != best).map(|i| looseness[i]);
-    (looseness[best] < 0.35 && others.into_iter().all(|other| other > 0.7f64.max(3.0 * looseness[best]))).then_some(best)
+    (looseness[best] < 0.35 && others.into_iter().all(|other| other > 0.7f64.max(3.0 * looseness[best])))
+        .then_some(best)
 }
 
 /// Millimetres of the unit in which a head stands a sensible way from the cameras; `None` where no unit or two fit.
@@ -73,7 +74,8 @@ pub(super) fn only_sensible(readings: &[Vec<RigidTransform>]) -> Option<usize> {
 pub(super) fn unit_by_distance(gaze: &Gaze) -> Option<(&'static str, f64)> {
     let distance = 0.5 * (gaze.nearest + gaze.farthest);
     let fits = |mm: &f64| gaze.looseness() < 0.5 && (250.0..=4000.0).contains(&(distance * mm));
-    let mut fitting = [("metres", 1000.0), ("centimetres", 10.0), ("millimetres", 1.0)].into_iter().filter(|(_, mm)| fits(mm));
+    let mut fitting =
+        [("metres", 1000.0), ("centimetres", 10.0), ("millimetres", 1.0)].into_iter().filter(|(_, mm)| fits(mm));
     let first = fitting.next()?;
     fitting.next().is_none().then_some(first)
 }
@@ -97,7 +99,8 @@ mod tests {
         assert!((gaze.point - DVec3::new(0.1, 0.2, 0.3)).length() < 0.1, "{gaze:?}");
         assert!((gaze.nearest - 1.2).abs() < 0.1 && gaze.looseness() < 0.1, "{gaze:?}");
         assert_eq!(unit_by_distance(&gaze), Some(("metres", 1000.0)));
-        let scaled = |s: f64| Gaze { nearest: gaze.nearest * s, farthest: gaze.farthest * s, miss: gaze.miss * s, ..gaze };
+        let scaled =
+            |s: f64| Gaze { nearest: gaze.nearest * s, farthest: gaze.farthest * s, miss: gaze.miss * s, ..gaze };
         assert_eq!(unit_by_distance(&scaled(1000.0)), Some(("millimetres", 1.0)));
         assert_eq!(unit_by_distance(&scaled(100.0)), Some(("centimetres", 10.0)));
         assert_eq!(unit_by_distance(&scaled(250.0)), None, "3 m or 30 cm");

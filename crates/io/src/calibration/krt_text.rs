@@ -23,20 +23,34 @@ pub(super) fn described(path: &Path, text: &str) -> Result<Described, IoError> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let mut sections = Vec::new();
     if let Some(cameras) = middlebury(path, text)? {
-        let open = Described { pose: None, axes: None, first_pixel: None, ..Described::opencv(DIALECT, cameras, Unit::Unsaid, 0.0) };
+        let open = Described {
+            pose: None,
+            axes: None,
+            first_pixel: None,
+            ..Described::opencv(DIALECT, cameras, Unit::Unsaid, 0.0)
+        };
         return Ok(open);
     }
     for (number, line) in text.lines().enumerate() {
         read_line(line, number + 1, &stem, &mut sections).map_err(|fact| wrong(path, At::line(number + 1), fact))?;
     }
-    let mut file = Described { pose: None, axes: None, first_pixel: None, ..Described::opencv(DIALECT, vec![], Unit::Unsaid, 0.0) };
+    let mut file = Described {
+        pose: None,
+        axes: None,
+        first_pixel: None,
+        ..Described::opencv(DIALECT, vec![], Unit::Unsaid, 0.0)
+    };
     for section in sections {
         let at = At::view(&section.name);
         let (parts, pose) = section.camera().map_err(|fact| wrong(path, at, fact))?;
         if file.cameras.is_empty() {
             (file.pose, file.axes) = pose;
         } else if (file.pose, file.axes) != pose {
-            return Err(wrong(path, At::view(&parts.name), "is given in another form than the cameras before it".into()));
+            return Err(wrong(
+                path,
+                At::view(&parts.name),
+                "is given in another form than the cameras before it".into(),
+            ));
         }
         file.cameras.push(parts);
     }
@@ -46,7 +60,8 @@ pub(super) fn described(path: &Path, text: &str) -> Result<Described, IoError> {
 const DIALECT: &str = "K/R/t text";
 
 fn wrong(path: &Path, at: At, fact: String) -> IoError {
-    let hint = "give K (9 numbers), R (9) and t (3), or extrinsic (12 or 16), each behind its name, or a projection of 12";
+    let hint =
+        "give K (9 numbers), R (9) and t (3), or extrinsic (12 or 16), each behind its name, or a projection of 12";
     IoError::content(path, at, fact, hint)
 }
 
@@ -92,7 +107,8 @@ fn kind(label: &str) -> Option<Kind> {
 
 fn read_line(line: &str, number: usize, stem: &str, sections: &mut Vec<Section>) -> Result<(), String> {
     let content = line.split('#').next().unwrap_or_default();
-    let mut words = content.split([' ', '\t', ',', ';', '[', ']', '=', ':', '(', ')']).filter(|word| !word.is_empty()).peekable();
+    let mut words =
+        content.split([' ', '\t', ',', ';', '[', ']', '=', ':', '(', ')']).filter(|word| !word.is_empty()).peekable();
     let first = words.peek().copied().unwrap_or_default();
     if ["camera", "cam", "name", "view"].contains(&first.to_ascii_lowercase().as_str()) {
         let name = words.nth(1).ok_or("a camera has no name")?;
@@ -128,7 +144,8 @@ impl Section {
     fn camera(self) -> Result<(CameraParts, Direction), String> {
         let unnamed = self.numbers(Kind::Unnamed).unwrap_or_default();
         let size = self.size();
-        let projection = self.numbers(Kind::Projection).or((unnamed.len() == 12 || unnamed.len() == 16).then_some(unnamed));
+        let projection =
+            self.numbers(Kind::Projection).or((unnamed.len() == 12 || unnamed.len() == 16).then_some(unnamed));
         if let Some(p) = projection {
             let p = p.get(..12).ok_or("a projection has 12 numbers")?;
             let parts = taken_apart(self.name.clone(), p).ok_or("the projection is singular or not finite")?;

@@ -65,11 +65,7 @@ pub(super) fn described(path: &Path, document: &Element) -> Result<Described, Io
         notes.push(format!("{unplaced} cameras that Metashape did not align are left out"));
     }
     let unit = if placed.has_scale { Unit::Customary(1000.0) } else { Unit::Arbitrary };
-    Ok(Described {
-        pose: Some(Pose::CameraToWorld),
-        notes,
-        ..Described::opencv("Metashape", cameras, unit, 0.5)
-    })
+    Ok(Described { pose: Some(Pose::CameraToWorld), notes, ..Described::opencv("Metashape", cameras, unit, 0.5) })
 }
 
 /// A similarity: scale · rotation · x + translation.
@@ -152,7 +148,8 @@ fn intrinsics(path: &Path, sensor: &Element) -> Result<Intrinsics, IoError> {
     };
     let resolution = calibration.find("resolution").or_else(|| sensor.find("resolution"));
     let side = |name| resolution.and_then(|r| r.attribute(name)).and_then(|side| side.trim().parse::<usize>().ok());
-    let size = [side("width"), side("height")].map(|side| side.ok_or_else(|| wrong("the sensor has no resolution".into())));
+    let size =
+        [side("width"), side("height")].map(|side| side.ok_or_else(|| wrong("the sensor has no resolution".into())));
     let [width, height] = size;
     let size = [width?, height?];
     let term = |name: &str| calibration.number_in(name).unwrap_or(0.0);

@@ -109,7 +109,11 @@ mod tests {
         assert_eq!(by(&["1", "2"], &["Camera 02", "Camera 01"]), Some((MatchedBy::PartOfName, vec![1, 0])));
         assert_eq!(by(&["left", "right"], &["A", "B"]), Some((MatchedBy::Order, vec![0, 1])));
         assert_eq!(by(&["left", "right"], &["A", "B", "C"]), None);
-        assert_eq!(by(&["cam1", "cam1b"], &["cam1", "cam3"]), Some((MatchedBy::Order, vec![0, 1])), "one camera for two");
+        assert_eq!(
+            by(&["cam1", "cam1b"], &["cam1", "cam3"]),
+            Some((MatchedBy::Order, vec![0, 1])),
+            "one camera for two"
+        );
     }
 
     #[test]

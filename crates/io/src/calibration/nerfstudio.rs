@@ -30,7 +30,9 @@ pub(super) fn described(path: &Path, file: &Value, options: &ReadOptions) -> Res
     let applied = applied(path, file)?;
     let mut notes = Vec::new();
     if applied.is_some() {
-        notes.push("applied_transform and applied_scale are undone: the world is that of the original calibration".to_owned());
+        notes.push(
+            "applied_transform and applied_scale are undone: the world is that of the original calibration".to_owned(),
+        );
     }
     let mut views = BTreeMap::new();
     let mut order = Vec::new();
@@ -47,7 +49,9 @@ pub(super) fn described(path: &Path, file: &Value, options: &ReadOptions) -> Res
     }
     if order.len() < frames.len() {
         let left_out = frames.len() - order.len();
-        notes.push(format!("{left_out} further frames of views are left out: of each view the first frame's pose counts"));
+        notes.push(format!(
+            "{left_out} further frames of views are left out: of each view the first frame's pose counts"
+        ));
     }
     let cameras = order.iter().filter_map(|name| views.remove(name)).collect();
     Ok(Described {
@@ -135,7 +139,8 @@ fn lens(path: &Path, name: &str, frame: &Value, file: &Value) -> Result<Lens, Io
     let get = |key: &str| number(frame, key).or_else(|| number(file, key)).unwrap_or(0.0);
     let text = |key: &str| frame.get(key).or_else(|| file.get(key));
     let is_fisheye = text("is_fisheye").and_then(Value::as_bool).unwrap_or(false);
-    let model = text("camera_model").and_then(Value::as_str).unwrap_or(if is_fisheye { "OPENCV_FISHEYE" } else { "OPENCV" });
+    let model =
+        text("camera_model").and_then(Value::as_str).unwrap_or(if is_fisheye { "OPENCV_FISHEYE" } else { "OPENCV" });
     let radial = ["k1", "k2", "k3", "k4"].map(get);
     let [p1, p2] = ["p1", "p2"].map(get);
     Ok(match model {

@@ -15,10 +15,15 @@ const MAX_ENTRY: u64 = 1 << 16;
 /// What an archive says.
 pub(super) fn described(path: &Path, bytes: Vec<u8>) -> Result<Described, IoError> {
     let wrong = |at: At, fact: String| {
-        IoError::content(path, at, fact, "give NeuS's cameras_sphere.npz or cameras.npz, with world_mat_0, world_mat_1, …")
+        IoError::content(
+            path,
+            at,
+            fact,
+            "give NeuS's cameras_sphere.npz or cameras.npz, with world_mat_0, world_mat_1, …",
+        )
     };
-    let mut archive = ZipArchive::new(Cursor::new(bytes))
-        .map_err(|cause| wrong(At::FILE, format!("is no .npz archive: {cause}")))?;
+    let mut archive =
+        ZipArchive::new(Cursor::new(bytes)).map_err(|cause| wrong(At::FILE, format!("is no .npz archive: {cause}")))?;
     let mut matrices: Vec<(usize, Vec<f64>)> = Vec::new();
     for index in 0..archive.len() {
         let entry = archive.by_index(index).map_err(|cause| wrong(At::FILE, format!("is damaged: {cause}")))?;
@@ -29,7 +34,8 @@ pub(super) fn described(path: &Path, bytes: Vec<u8>) -> Result<Described, IoErro
             let fits = [[4, 4].as_slice(), &[3, 4]].contains(&array.shape.as_slice());
             if fits { Ok(numbers) } else { Err(format!("has the shape {:?}", array.shape)) }
         });
-        matrices.push((number, array.map_err(|fact| wrong(At::view(&number.to_string()), format!("`world_mat` {fact}")))?));
+        matrices
+            .push((number, array.map_err(|fact| wrong(At::view(&number.to_string()), format!("`world_mat` {fact}")))?));
     }
     matrices.sort_by_key(|(number, _)| *number);
     let mut cameras = Vec::new();

@@ -16,8 +16,7 @@ fn map_of(element: &Element) -> Result<Vec<(String, Node)>, Fault> {
 }
 
 fn node(element: &Element) -> Result<Node, Fault> {
-    let is_matrix =
-        element.attribute("type_id").is_some_and(|id| id == "opencv-matrix" || id == "opencv-nd-matrix");
+    let is_matrix = element.attribute("type_id").is_some_and(|id| id == "opencv-matrix" || id == "opencv-nd-matrix");
     if is_matrix {
         return matrix_from_map(map_of(element)?).map_err(|fact| (element.line, fact));
     }

@@ -147,7 +147,9 @@ mod tests {
         assert_eq!((back.gravity, back.fps, back.notes.len()), (calibration().gravity, Some(59.94), 0));
         for (camera, expected) in back.rig.cameras.iter().zip(calibration().rig.cameras) {
             let pose = camera.camera_from_world;
-            assert!((pose.rotation - expected.camera_from_world.rotation).to_cols_array().iter().all(|x| x.abs() < 1e-15));
+            assert!(
+                (pose.rotation - expected.camera_from_world.rotation).to_cols_array().iter().all(|x| x.abs() < 1e-15)
+            );
             assert_eq!(*camera, Camera { camera_from_world: pose, ..expected });
         }
         assert_eq!(toml_text(&read(&toml_text(&back)).unwrap()), toml_text(&back));

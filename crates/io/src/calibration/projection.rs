@@ -56,8 +56,7 @@ mod tests {
         let m = (k * r).transpose().to_cols_array_2d();
         let p4 = k * t;
         for scale in [1.0, -0.01] {
-            let p: Vec<f64> =
-                (0..3).flat_map(|i| m[i].into_iter().chain([p4[i]])).map(|x: f64| x * scale).collect();
+            let p: Vec<f64> = (0..3).flat_map(|i| m[i].into_iter().chain([p4[i]])).map(|x: f64| x * scale).collect();
             let parts = taken_apart("a".into(), &p).unwrap();
             let matrix = |rows: [[f64; 3]; 3]| DMat3::from_cols_array_2d(&rows).transpose();
             let Lens::Known(Distortion::Polynomial(lens)) = parts.lens else { panic!("no skew") };

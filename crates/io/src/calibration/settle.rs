@@ -123,7 +123,12 @@ fn poses_of(
         return read(fallback);
     }
     let fact = "does not say which way its poses lead, and the cameras do not tell";
-    Err(IoError::content(path, At::FILE, fact, format!("give the convention by name: `new --convention` with {CONVENTION_WORDS}")))
+    Err(IoError::content(
+        path,
+        At::FILE,
+        fact,
+        format!("give the convention by name: `new --convention` with {CONVENTION_WORDS}"),
+    ))
 }
 
 fn in_words((pose, axes): (Pose, Axes)) -> &'static str {
@@ -161,7 +166,10 @@ fn unit_of(
             let found = seen.and_then(|gaze| Some((unit_by_distance(&gaze)?, gaze)));
             let Some(((name, unit), gaze)) = found else {
                 let distance = seen.map_or(String::new(), |gaze| {
-                    format!(" (the cameras stand {:.3} to {:.3} units from what they look at)", gaze.nearest, gaze.farthest)
+                    format!(
+                        " (the cameras stand {:.3} to {:.3} units from what they look at)",
+                        gaze.nearest, gaze.farthest
+                    )
                 });
                 return Err(unit_unknown(path, &distance));
             };

@@ -52,7 +52,9 @@ pub(super) fn parse(text: &str) -> Result<Element, Fault> {
     let (mut at, mut line) = (0, 1);
     while at < text.len() {
         let rest = &text[at..];
-        let end = if rest.starts_with('<') { tag_end(rest).ok_or((line, "a tag has no end".to_owned()))? } else {
+        let end = if rest.starts_with('<') {
+            tag_end(rest).ok_or((line, "a tag has no end".to_owned()))?
+        } else {
             rest.find('<').unwrap_or(rest.len())
         };
         let piece = &rest[..end];
