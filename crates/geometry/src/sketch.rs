@@ -28,7 +28,7 @@ const MATCHED: usize = 120;
 /// Points of the curve in space: 5 mm apart on hair of 25 cm.
 const POINTS: usize = 48;
 
-/// Weight of bending against distances across the curves [px² per (px of second difference)²]: with pixels of noise in what is
+/// Weight of bending against distances across the curves \[px² per (px of second difference)²\]: with pixels of noise in what is
 /// drawn less follows the hand's tremor, more cuts corners of waves that are eight points long.
 const BENDING: f64 = 4.0;
 

@@ -21,7 +21,10 @@ pub(super) struct View {
 const VIDEOS: [&str; 12] = ["mp4", "mov", "avi", "mkv", "webm", "m4v", "mpg", "mpeg", "mts", "m2ts", "wmv", "mxf"];
 
 /// Words in the names of folders and files that are no footage.
-const NO_FOOTAGE: [&str; 25] = [
+const NO_FOOTAGE: [&str; 28] = [
+    "calib",
+    "calibration",
+    "checkerboard",
     "clean",
     "plate",
     "plates",

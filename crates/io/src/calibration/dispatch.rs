@@ -11,7 +11,7 @@ use crate::{
     error::{At, not_json},
 };
 
-/// No calibration's text is longer \[bytes\]; COLMAP's, which hold points of images, are read line by line.
+/// No calibration's text is longer \[bytes\]; COLMAP's files, which hold points of images too, may be.
 const MAX_TEXT: u64 = 16 << 20;
 
 /// Names under which calibrations are usually found in a capture, the likeliest first.
@@ -87,9 +87,8 @@ const KNOWN_FORMATS: &str = "give a .json (K/R/t, OpenCV, Nerfstudio, NeRSemble)
                              EasyMocap's folder, Metashape's .xml, NeuS's .npz, .txt (K/R/t) or a COLMAP folder";
 
 fn described_folder(folder: &Path, options: &ReadOptions) -> Result<Described, IoError> {
-    // COLMAP numbers its models below `sparse`.
-    if let Some(model) = ["", "0", "sparse/0", "sparse"].map(|below| folder.join(below)).iter().find(|f| is_colmap(f)) {
-        return colmap::described(model);
+    if let Some(model) = colmap_model(folder) {
+        return colmap::described(&model);
     }
     if easymocap::is_folder(folder) {
         return easymocap::described(folder);
@@ -136,6 +135,11 @@ fn all_of(files: Vec<PathBuf>, read: impl Fn(&Path) -> Result<Described, IoError
         }
     }
     all.ok_or_else(|| IoError::content(Path::new(""), At::FILE, "there is no file", KNOWN_FORMATS))
+}
+
+/// COLMAP numbers its models below `sparse`.
+fn colmap_model(folder: &Path) -> Option<PathBuf> {
+    ["", "0", "sparse/0", "sparse"].map(|below| folder.join(below)).into_iter().find(|folder| is_colmap(folder))
 }
 
 fn is_colmap(folder: &Path) -> bool {
@@ -198,8 +202,7 @@ pub(super) fn read_bounded(path: &Path) -> Result<Vec<u8>, IoError> {
 /// Whether a file or folder seems to be a calibration by its name and place, without reading it.
 pub fn looks_like_calibration(path: &Path) -> bool {
     if path.is_dir() {
-        let below = ["", "0"].map(|below| path.join(below));
-        return below.iter().any(|folder| is_colmap(folder)) || easymocap::is_folder(path) || {
+        return colmap_model(path).is_some() || easymocap::is_folder(path) || {
             let kinds: &[&[&str]] = &[&["yml", "yaml", "xml"], &["txt", "cam", "krtd"]];
             let is_named =
                 KNOWN_NAMES.iter().any(|name| path.file_name().is_some_and(|n| n.eq_ignore_ascii_case(name)));

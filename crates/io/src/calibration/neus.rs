@@ -9,7 +9,7 @@ use npyz::zip::ZipArchive;
 use super::{convention::Unit, projection::taken_apart, settle::Described};
 use crate::{IoError, error::At, strands::npy::NpyArray};
 
-/// A matrix with its header is far below this [bytes]; a deflated entry may claim anything.
+/// A matrix with its header is far below this \[bytes\]; a deflated entry may claim anything.
 const MAX_ENTRY: u64 = 1 << 16;
 
 /// What an archive says.
