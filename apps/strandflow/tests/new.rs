@@ -1,4 +1,5 @@
 //! `new` on footage and calibrations as people have them.
+#![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
 mod common;
 

@@ -103,6 +103,9 @@ fn views_are_found_in_many_layouts() {
             let digit = char::from_digit(plate, 10).unwrap();
             let own = [&view.name, &view.plate].map(|text| text.trim_end_matches("/0001.png").contains(digit));
             assert_eq!(own, [true, true], "{i}: {view:?}");
+            let files =
+                crate::footage::ViewFiles::open(&view.name, &strandflow_io::ViewInput::of(Path::new(&view.source)));
+            assert!(files.unwrap().file(1).is_ok(), "{i}: {view:?}");
         }
     }
 }

@@ -2,18 +2,21 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use super::colmap::{MODELS, ModelCamera, ModelImage};
+use super::{
+    colmap::{MODELS, ModelCamera, ModelImage},
+    dispatch::read_model,
+};
 use crate::{IoError, bytes::Bytes, error::At};
 
 /// The cameras by number.
 pub(super) fn cameras(file: &Path) -> Result<BTreeMap<u32, ModelCamera>, IoError> {
-    let data = std::fs::read(file).map_err(IoError::reading(file))?;
+    let data = read_model(file)?;
     cameras_from_bytes(file, &data)
 }
 
 /// The images in the order of the file.
 pub(super) fn images(file: &Path) -> Result<Vec<ModelImage>, IoError> {
-    let data = std::fs::read(file).map_err(IoError::reading(file))?;
+    let data = read_model(file)?;
     images_from_bytes(file, &data).ok_or_else(|| cut(file))
 }
 

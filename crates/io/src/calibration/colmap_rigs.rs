@@ -11,13 +11,10 @@ use strandflow_core::RigidTransform;
 
 use super::{
     colmap_text::{parse, wrong},
+    dispatch::{read_model, text_of},
     parts::{rotation_from_rows, rows_from_quaternion},
 };
-use crate::{
-    IoError,
-    bytes::Bytes,
-    error::{At, read_text},
-};
+use crate::{IoError, bytes::Bytes, error::At};
 
 /// Quaternion (w, x, y, z) and translation.
 pub(super) type FilePose = ([f64; 4], [f64; 3]);
@@ -35,13 +32,15 @@ struct Frame {
 /// World to camera by image number, for images whose sensor has a pose in its rig.
 pub(super) fn poses(rigs: &Path, frames: &Path, binary: bool) -> Result<BTreeMap<u32, FilePose>, IoError> {
     let (sensors, frames) = if binary {
-        let read = |file: &Path| std::fs::read(file).map_err(IoError::reading(file));
         (
-            sensors_from_bytes(&read(rigs)?).ok_or_else(|| cut(rigs))?,
-            frames_from_bytes(&read(frames)?).ok_or_else(|| cut(frames))?,
+            sensors_from_bytes(&read_model(rigs)?).ok_or_else(|| cut(rigs))?,
+            frames_from_bytes(&read_model(frames)?).ok_or_else(|| cut(frames))?,
         )
     } else {
-        (sensors_from_text(rigs, &read_text(rigs)?)?, frames_from_text(frames, &read_text(frames)?)?)
+        (
+            sensors_from_text(rigs, &text_of(rigs, read_model(rigs)?)?)?,
+            frames_from_text(frames, &text_of(frames, read_model(frames)?)?)?,
+        )
     };
     let mut poses = BTreeMap::new();
     for frame in frames {

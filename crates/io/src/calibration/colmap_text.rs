@@ -2,20 +2,20 @@
 
 use std::{collections::BTreeMap, path::Path, str::FromStr};
 
-use super::colmap::{ModelCamera, ModelImage};
-use crate::{
-    IoError,
-    error::{At, read_text},
+use super::{
+    colmap::{ModelCamera, ModelImage},
+    dispatch::{read_model, text_of},
 };
+use crate::{IoError, error::At};
 
 /// The cameras by number: `CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]`.
 pub(super) fn cameras(file: &Path) -> Result<BTreeMap<u32, ModelCamera>, IoError> {
-    cameras_from_text(file, &read_text(file)?)
+    cameras_from_text(file, &text_of(file, read_model(file)?)?)
 }
 
 /// The images: `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, each followed by a line of points (perhaps empty).
 pub(super) fn images(file: &Path) -> Result<Vec<ModelImage>, IoError> {
-    images_from_text(file, &read_text(file)?)
+    images_from_text(file, &text_of(file, read_model(file)?)?)
 }
 
 fn cameras_from_text(file: &Path, text: &str) -> Result<BTreeMap<u32, ModelCamera>, IoError> {

@@ -11,8 +11,11 @@ use crate::{
     error::{At, not_json},
 };
 
-/// No calibration's text is longer \[bytes\]; COLMAP's files, which hold points of images too, may be.
+/// No calibration is longer \[bytes\].
 const MAX_TEXT: u64 = 16 << 20;
+
+/// Nor one of COLMAP's files, which hold the points of all images: 24 bytes each \[bytes\].
+const MAX_MODEL: u64 = 1 << 30;
 
 /// Names under which calibrations are usually found in a capture, the likeliest first.
 pub const KNOWN_NAMES: [&str; 18] = [
@@ -191,12 +194,27 @@ fn json(path: &Path, text: &str, options: &ReadOptions) -> Result<Described, IoE
 
 /// The bytes of a file that is no longer than a calibration is.
 pub(super) fn read_bounded(path: &Path) -> Result<Vec<u8>, IoError> {
+    read_up_to(path, MAX_TEXT)
+}
+
+/// The bytes of one of COLMAP's files.
+pub(super) fn read_model(path: &Path) -> Result<Vec<u8>, IoError> {
+    read_up_to(path, MAX_MODEL)
+}
+
+fn read_up_to(path: &Path, most: u64) -> Result<Vec<u8>, IoError> {
     let length = std::fs::metadata(path).map_err(IoError::reading(path))?.len();
-    if length > MAX_TEXT {
+    if length > most {
         let fact = format!("is {} MB long: no calibration", length >> 20);
         return Err(IoError::content(path, At::FILE, fact, "check that it is the right file"));
     }
     std::fs::read(path).map_err(IoError::reading(path))
+}
+
+/// Bytes as text.
+pub(super) fn text_of(path: &Path, bytes: Vec<u8>) -> Result<String, IoError> {
+    String::from_utf8(bytes)
+        .map_err(|_| IoError::content(path, At::FILE, "is not a text file (UTF-8)", "check that it is the right file"))
 }
 
 /// Whether a file or folder seems to be a calibration by its name and place, without reading it.

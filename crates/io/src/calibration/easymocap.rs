@@ -1,22 +1,19 @@
 //! EasyMocap: `intri.yml` with `K_NAME` and `dist_NAME`, `extri.yml` with `Rot_NAME` (3×3) or `R_NAME` (rotation vector) and
 //! `T_NAME`, world to camera with OpenCV axes and pixels, in metres; image sizes (`H_NAME`, `W_NAME`) are rarely there.
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use glam::DVec3;
 
 use super::{
     convention::Unit,
+    dispatch::{read_bounded, text_of},
     opencv::{Node, fault},
     opencv_yaml,
     parts::{CameraParts, Lens, rows_from_rotation_vector, rows_of},
     settle::Described,
 };
-use crate::{
-    IoError,
-    error::{At, read_text},
-};
-use std::collections::BTreeMap;
+use crate::{IoError, error::At};
 
 /// Whether a folder holds EasyMocap's two files.
 pub(super) fn is_folder(folder: &Path) -> bool {
@@ -26,7 +23,7 @@ pub(super) fn is_folder(folder: &Path) -> bool {
 /// What the two files of a folder say.
 pub(super) fn described(folder: &Path) -> Result<Described, IoError> {
     let (intri, extri) = (folder.join("intri.yml"), folder.join("extri.yml"));
-    let read = |file: &Path| opencv_yaml::parse(&read_text(file)?).map_err(fault(file));
+    let read = |file: &Path| opencv_yaml::parse(&text_of(file, read_bounded(file)?)?).map_err(fault(file));
     from_nodes((&intri, &read(&intri)?), (&extri, &read(&extri)?))
 }
 
