@@ -33,7 +33,7 @@ pub fn write_capture(scene: &Scene, folder: &Path, mut done: impl FnMut(usize)) 
         rig: scene.given_rig.clone(),
         gravity: Some(glam::DVec3::new(0.0, 0.0, -9806.65)),
         fps: Some(spec.rig.fps),
-        notes: Vec::new(),
+        ..Calibration::default()
     };
     strandflow_io::calibration::own_toml::write_toml(&folder.join("calibration.toml"), &calibration)?;
     write_text(

@@ -19,7 +19,16 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failed> {
     prepare(take, args.force)?;
     let capture = take.join("capture");
     synth::make(&SynthSpec::demo(Style::Straight), &capture)?;
-    new::new(&NewArgs { take: take.clone(), capture: capture.clone(), hold_out: Vec::new() })?;
+    new::new(&NewArgs {
+        take: take.clone(),
+        capture: capture.clone(),
+        calibration: None,
+        unit: None,
+        convention: None,
+        fps: None,
+        up: None,
+        hold_out: Vec::new(),
+    })?;
     ask_for_fewer_strands(&take.join("strandflow.toml"))?;
     run::run(&RunArgs {
         take: take.clone(),
@@ -36,6 +45,7 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failed> {
         truth: Some(capture.join("gt")),
         stage: None,
         strands: None,
+        sketches: false,
         json: Some(scores.clone()),
     })?;
     let folder = take.join("export");

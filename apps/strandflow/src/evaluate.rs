@@ -11,6 +11,7 @@ use crate::{
     failure::Failed,
     foreign, held_out,
     scores::{SEQUENCE_STAGES, Scores, score_take},
+    sketched,
     status::tell_of_outdated,
     stdout::print,
 };
@@ -18,7 +19,7 @@ use crate::{
 pub fn evaluate(args: &EvaluateArgs) -> Result<(), Failed> {
     let take = Take::open(&args.take)?;
     let scores = measure(args, &take)?;
-    if args.truth.is_none() && take.views().held_out().is_empty() {
+    if args.truth.is_none() && !args.sketches && take.views().held_out().is_empty() {
         eprintln!(
             "note: no view was held out, so these views took part and flatter; hold one out with `strandflow new \
              --hold-out VIEW` or `held_out = [\"VIEW\"]` in the manifest"
@@ -52,7 +53,9 @@ fn measure(args: &EvaluateArgs, take: &Take) -> Result<Scores, Failed> {
             }
         }
     };
-    if args.truth.is_none() || !take.views().held_out().is_empty() {
+    if args.sketches {
+        scores.sketches = sketched::score(take, stage)?;
+    } else if args.truth.is_none() || !take.views().held_out().is_empty() {
         scores.views = in_views(take, given.as_ref(), stage);
     }
     if scores.is_empty() {

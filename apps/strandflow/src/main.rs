@@ -24,6 +24,7 @@ mod report;
 mod run;
 mod score_table;
 mod scores;
+mod sketched;
 mod status;
 mod stdout;
 mod synth;

@@ -5,13 +5,14 @@ use strandflow_eval::{
     volume::{LineScores, MotionScores},
 };
 
-use crate::{held_out, scores::Scores};
+use crate::{held_out, scores::Scores, sketched};
 
 impl Scores {
     /// The tables that `evaluate` prints.
     pub fn text(&self) -> String {
         let tables = [self.stages(), self.reliability(), self.shapes(), self.motion(), self.in_views()];
-        tables.into_iter().flatten().map(|table| format!("{table}\n")).collect()
+        let sketches = if self.sketches.is_empty() { Vec::new() } else { sketched::tables(&self.sketches) };
+        tables.into_iter().flatten().chain(sketches).map(|table| format!("{table}\n")).collect()
     }
 
     /// Whether nothing was scored.

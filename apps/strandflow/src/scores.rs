@@ -20,7 +20,7 @@ use strandflow_eval::{
 };
 use strandflow_geometry::polyline;
 
-use crate::{failure::Failed, held_out::ViewScores};
+use crate::{failure::Failed, held_out::ViewScores, sketched::SketchScores};
 
 /// Frames on which maps and lines are scored, evenly chosen.
 const IMAGE_FRAMES: usize = 10;
@@ -54,6 +54,9 @@ pub struct Scores {
     pub strands: Vec<(String, StrandScores)>,
     /// Strands in motion, per stage.
     pub dynamics: Vec<(String, DynamicsScores)>,
+    /// Strands that were drawn, per strand and frame.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sketches: Vec<SketchScores>,
     /// Strands in views that were held out; without truth and where none was, in all views.
     pub views: Vec<ViewScores>,
 }

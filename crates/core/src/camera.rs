@@ -14,6 +14,48 @@ pub enum Distortion {
     None,
     /// Brown–Conrady in OpenCV's order: k1, k2, p1, p2, k3, k4, k5, k6 (k4–k6 divide; unused terms are zero).
     BrownConrady([f64; 8]),
+    /// OpenCV's whole model: the eight of `BrownConrady`, thin prism s1, s2, s3, s4, and tilt of the sensor τx, τy \[rad\].
+    Tilted([f64; 14]),
+    /// Polynomials of the radius, or of the angle to the axis.
+    Polynomial(PolynomialLens),
+    /// The field-of-view model with its angle ω \[rad\] (Devernay & Faugeras 2001).
+    Fov(f64),
+}
+
+/// A lens by polynomials without division: Metashape's frame cameras, and the fisheyes of OpenCV, COLMAP and Metashape.
+///
+/// With (x, y) = (X/Z, Y/Z), for a fisheye scaled to the length atan(|(x, y)|), and r = |(x, y)|:
+/// x′ = x (1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸) + 2 p1 x y + p2 (r² + 2x²) + s1 r² + skew · y′, and
+/// y′ = y (1 + …) + p1 (r² + 2y²) + 2 p2 x y + s2 r².
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PolynomialLens {
+    /// Whether r is the angle to the axis (equidistant fisheye) rather than its tangent.
+    pub fisheye: bool,
+    /// k1, k2, k3, k4.
+    pub radial: [f64; 4],
+    /// p1, p2.
+    pub tangential: [f64; 2],
+    /// s1, s2.
+    pub prism: [f64; 2],
+    /// Share of y′ added to x′: where pixels are no rectangles.
+    pub skew: f64,
+}
+
+impl Distortion {
+    /// Whether all terms are finite.
+    pub fn is_finite(&self) -> bool {
+        match self {
+            Self::None => true,
+            Self::BrownConrady(terms) => terms.iter().all(|term| term.is_finite()),
+            Self::Tilted(terms) => terms.iter().all(|term| term.is_finite()),
+            Self::Fov(angle) => angle.is_finite(),
+            Self::Polynomial(lens) => {
+                let terms = lens.radial.iter().chain(&lens.tangential).chain(&lens.prism).chain([&lens.skew]);
+                terms.into_iter().all(|term| term.is_finite())
+            }
+        }
+    }
 }
 
 /// One calibrated view.

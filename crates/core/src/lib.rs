@@ -13,7 +13,7 @@ pub mod report;
 pub mod rigid;
 pub mod strands;
 
-pub use camera::{Camera, Distortion, Rig};
+pub use camera::{Camera, Distortion, PolynomialLens, Rig};
 pub use frames::{FrameRange, ImageSource, SourceError};
 pub use grid::{Grid, Occupancy, SparseVoxels};
 pub use image::{Mask, Plane, RgbImage};

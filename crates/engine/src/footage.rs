@@ -75,9 +75,10 @@ impl ViewFiles {
 fn of_pattern(pattern: &Path) -> Result<BTreeMap<usize, PathBuf>, EngineError> {
     let name = pattern.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let prefix: String = name.chars().take_while(|c| !matches!(c, '%' | '#')).collect();
-    let mut images = numbered_images(pattern.parent().unwrap_or(Path::new(".")))?;
-    images.retain(|_, file| file.file_name().is_some_and(|n| n.to_string_lossy().starts_with(&prefix)));
-    Ok(images)
+    // Chosen before numbers are compared: images of all views may lie in the folder.
+    numbered(pattern.parent().unwrap_or(Path::new(".")), |file| {
+        is_image(file) && file.file_name().is_some_and(|name| name.to_string_lossy().starts_with(&prefix))
+    })
 }
 
 /// The images of a folder by the number in their name; none where the folder does not exist.

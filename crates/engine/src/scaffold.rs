@@ -1,150 +1,95 @@
-//! A manifest for a capture folder, with comments; nothing is copied.
+//! A take for footage in any folder and a calibration of any dialect; nothing of the footage is copied.
+//!
+//! What is found is guessed from names, sizes and the rig itself; every guess is said in a line.
 
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
+use strandflow_io::calibration::Convention;
+
 use crate::{EngineError, disk, manifest::MANIFEST};
 
-/// Makes a take for a capture folder laid out as `docs/capture.md` says.
+mod calibrated;
+mod extras;
+mod footage;
+mod world;
+mod written;
+
+/// What the user says beside the footage.
+#[derive(Clone, Debug, Default)]
+pub struct NewTake {
+    /// The folder to make.
+    pub take: PathBuf,
+    /// The folder of the footage.
+    pub capture: PathBuf,
+    /// The calibration; looked for in the capture where absent.
+    pub calibration: Option<PathBuf>,
+    /// Millimetres a unit of the calibration.
+    pub unit_mm: Option<f64>,
+    /// Conventions of the calibration.
+    pub convention: Convention,
+    /// Frames per second.
+    pub fps: Option<f64>,
+    /// The direction up in the world.
+    pub up: Option<DVec3>,
+    /// Views that take no part in the reconstruction.
+    pub held_out: Vec<String>,
+}
+
+/// A take that was made.
+#[derive(Clone, Debug)]
+pub struct Scaffolded {
+    /// The manifest.
+    pub manifest: PathBuf,
+    /// What was found and guessed, one fact a line.
+    pub said: Vec<String>,
+    /// What the user still has to make before the take runs.
+    pub missing: Vec<String>,
+}
+
+/// Makes a take.
 ///
 /// # Errors
-/// `Input` where the take exists already or the capture lacks something.
-pub fn new_take(take: &Path, capture: &Path, held_out: &[String]) -> Result<PathBuf, EngineError> {
-    let manifest = take.join(MANIFEST);
+/// `Input` where the take exists already, the capture lacks something, or a guess cannot be made; the hint names the option
+/// to give. Nothing is written then.
+pub fn new_take(asked: &NewTake) -> Result<Scaffolded, EngineError> {
+    let manifest = asked.take.join(MANIFEST);
     if manifest.exists() {
         let hint = "give another folder, or correct the manifest that is there";
         return Err(EngineError::input(manifest.display().to_string(), "the take exists already", hint));
     }
-    let capture = capture.canonicalize().map_err(|error| {
-        EngineError::input(capture.display().to_string(), error.to_string(), "give the folder of the capture")
-    })?;
-    let found = look(&capture)?;
-    if let Some(name) = held_out.iter().find(|name| !found.views.iter().any(|view| view.0 == **name)) {
-        let names: Vec<&str> = found.views.iter().map(|view| view.0.as_str()).collect();
-        let fact = format!("--hold-out {name}: there is no such view");
-        return Err(EngineError::input(capture.display().to_string(), fact, format!("views: {}", names.join(", "))));
-    }
-    disk::write_atomic(&manifest, text(&capture, &found, held_out).as_bytes())?;
-    Ok(manifest)
-}
-
-/// What a capture folder holds.
-struct Found {
-    views: Vec<(String, PathBuf, PathBuf)>,
-    calibration: PathBuf,
-    unit_mm: Option<f64>,
-    gravity: [f64; 3],
-    fps: f64,
-    labels: PathBuf,
-    hair_masks: PathBuf,
-    subject_masks: Option<PathBuf>,
-    assumed: Vec<String>,
-}
-
-fn look(capture: &Path) -> Result<Found, EngineError> {
-    let lacks = |what: &str, hint: &str| EngineError::input(capture.display().to_string(), what.to_owned(), hint);
-    let candidates =
-        ["calibration.toml", "calibration.json", "calibration.yml", "calibration.yaml", "calibration.xml", "colmap"];
-    let calibration = candidates.iter().map(|name| capture.join(name)).find(|path| path.exists());
-    let hint = "put calibration.json, .toml, .yml, .xml or a colmap/ folder into the capture";
-    let calibration = calibration.ok_or_else(|| lacks("there is no calibration", hint))?;
-    let needs_unit = !calibration.extension().is_some_and(|e| e == "toml" || e == "json");
-    let unit_mm = needs_unit.then_some(1000.0);
-    let read = strandflow_io::read_calibration(&calibration, unit_mm)?;
-    let mut assumed = read.notes.clone();
-    if needs_unit {
-        assumed.push("the calibration does not state its unit: taken as metres (calibration.unit_mm = 1000)".into());
-    }
-    let gravity = read.gravity.map_or_else(
-        || {
-            assumed.push("the calibration does not state gravity: taken as -z".into());
-            [0.0, 0.0, -9810.0]
-        },
-        |g| g.to_array(),
-    );
-    let fps = read.fps.unwrap_or_else(|| {
-        assumed.push("the calibration does not state frames per second: taken as 100".into());
-        100.0
-    });
-    let views = views_of(capture)?;
-    let labels = capture.join("user/marker_labels.json");
-    let hair_masks = capture.join("user/hair_masks");
-    let subject_masks = Some(capture.join("user/subject_masks")).filter(|folder| folder.is_dir());
-    Ok(Found { views, calibration, unit_mm, gravity, fps, labels, hair_masks, subject_masks, assumed })
-}
-
-/// Views by name: `video/NAME.*` or `images/NAME/`, with `clean/NAME.*`.
-fn views_of(capture: &Path) -> Result<Vec<(String, PathBuf, PathBuf)>, EngineError> {
-    let list = |folder: &Path| -> Vec<PathBuf> {
-        let mut entries: Vec<PathBuf> =
-            std::fs::read_dir(folder).map(|dir| dir.flatten().map(|e| e.path()).collect()).unwrap_or_default();
-        entries.sort();
-        entries.retain(|path| path.file_name().is_some_and(|n| !n.to_string_lossy().starts_with('.')));
-        entries
+    let whole = |path: &Path, what: &str| {
+        let cannot = |error: std::io::Error| EngineError::input(path.display().to_string(), error.to_string(), what);
+        path.canonicalize().map_err(cannot)
     };
-    let stem = |path: &Path| path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-    let mut sources = list(&capture.join("video"));
-    if sources.is_empty() {
-        sources = list(&capture.join("images")).into_iter().filter(|path| path.is_dir()).collect();
+    let capture = whole(&asked.capture, "give the folder of the capture")?;
+    let given = asked.calibration.as_deref().map(|file| whole(file, "give the file or folder of the calibration"));
+    let mut said = Vec::new();
+    let calibration = match given {
+        Some(file) => file?,
+        None => calibrated::find(&capture, &mut said)?,
+    };
+    let views = footage::find(&capture, &calibration, &mut said)?;
+    check_held_out(&capture, &views, &asked.held_out)?;
+    let plates = extras::plates(&capture, &views, &mut said)?;
+    let calibrated = calibrated::read(&calibration, &views, asked, &mut said)?;
+    let labels = extras::labels(&capture, &views, &mut said);
+    let world = world::settle(&calibration, &calibrated, &views, asked, &mut said)?;
+    let found = written::Found { capture: &capture, views: &views, plates: &plates, labels: &labels, world: &world };
+    if let Some(text) = &calibrated.converted {
+        disk::write_atomic(&asked.take.join(calibrated::CONVERTED), text.as_bytes())?;
     }
-    if sources.is_empty() {
-        let hint = "put clips into video/NAME.mp4 or images into images/NAME/000000.png";
-        return Err(EngineError::input(capture.display().to_string(), "there are no views", hint));
-    }
-    let plates = list(&capture.join("clean"));
-    sources
-        .into_iter()
-        .map(|source| {
-            let name = stem(&source);
-            let plate = plates.iter().find(|plate| stem(plate) == name).cloned().ok_or_else(|| {
-                let hint = format!("put the view without the subject into clean/{name}.png");
-                EngineError::input(format!("{}, view {name}", capture.display()), "there is no clean plate", hint)
-            })?;
-            Ok((name, source, plate))
-        })
-        .collect()
+    disk::write_atomic(&manifest, written::text(&found, &calibrated, &asked.held_out, &said).as_bytes())?;
+    Ok(Scaffolded { manifest, said, missing: labels.missing })
 }
 
-fn text(capture: &Path, found: &Found, held_out: &[String]) -> String {
-    let quoted = |path: &Path| toml::Value::String(path.display().to_string()).to_string();
-    let mut text = format!(
-        "# The take of {}. Lengths are millimetres, times seconds. Paths are absolute or relative to this file.\n\n\
-         # Frames per second.\nfps = {:?}\n\
-         # Gravity in world coordinates [mm/s²].\ngravity = {:?}\n\
-         # Frames to work on, first..one past the last; all frames of the sources without it.\n# frames = \"0..30\"\n\
-         # `robust` (measures best) or `paper` (the letter of the paper).\nmode = \"robust\"\n\
-         # Seed of everything that is drawn by chance.\nseed = 1\n\
-         # Views that take no part in the reconstruction, so that `evaluate` can judge the strands by them.\n",
-        capture.display(),
-        found.fps,
-        found.gravity,
-    );
-    text += &match held_out {
-        [] => "# held_out = [\"cam03\"]\n".to_owned(),
-        names => format!("held_out = {}\n", toml::Value::from(names.to_vec())),
-    };
-    for note in &found.assumed {
-        text += &format!("# Assumed: {note}\n");
-    }
-    text += &format!("\n[calibration]\nfile = {}\n", quoted(&found.calibration));
-    if let Some(mm) = found.unit_mm {
-        text += &format!("# Millimetres a unit of the calibration.\nunit_mm = {mm:?}\n");
-    }
-    text += &format!(
-        "\n[labels]\n# Markers labelled in the first frame.\nmarkers = {}\n\
-         # Hair masks VIEW/FRAME.png: the first frame's; further ones correct from there on.\nhair_masks = {}\n\
-         # Subject masks VIEW/FRAME.png that replace computed ones.\n",
-        quoted(&found.labels),
-        quoted(&found.hair_masks),
-    );
-    text += &match &found.subject_masks {
-        Some(folder) => format!("subject_masks = {}\n", quoted(folder)),
-        None => "# subject_masks = \"corrections/subject_masks\"\n".into(),
-    };
-    text += "\n# Views, in the order of per-view arrays: a video or a folder of images, and the view without the subject.\n";
-    for (name, source, plate) in &found.views {
-        let name = toml::Value::String(name.clone());
-        text += &format!("[[views]]\nname = {name}\nsource = {}\nplate = {}\n\n", quoted(source), quoted(plate));
-    }
-    text + "# Settings that differ from the defaults, one table a stage; `resolved.toml` shows all after a run.\n\
-            # [settings.hull]\n# voxel_mm = 2.0\n"
+fn check_held_out(capture: &Path, views: &[footage::View], held_out: &[String]) -> Result<(), EngineError> {
+    let Some(name) = held_out.iter().find(|name| !views.iter().any(|view| view.name == **name)) else { return Ok(()) };
+    let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
+    let fact = format!("--hold-out {name}: there is no such view");
+    Err(EngineError::input(capture.display().to_string(), fact, format!("views: {}", names.join(", "))))
 }
+
+#[cfg(test)]
+#[path = "scaffold/tests.rs"]
+mod tests;

@@ -9,6 +9,7 @@ pub mod index;
 pub mod lengths;
 pub mod overlay;
 pub mod raster;
+pub mod sketches;
 pub mod spectrum;
 pub mod statistics;
 pub mod strands;

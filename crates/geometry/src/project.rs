@@ -1,9 +1,11 @@
 //! Projection into images and back, with lens distortion.
 //!
-//! Reference: Brown 1966; OpenCV's rational model for k4–k6.
+//! Reference: Brown 1966; the lenses are in `lens`.
 
 use glam::{DVec2, DVec3};
-use strandflow_core::{Camera, Distortion};
+use strandflow_core::Camera;
+
+pub use crate::lens::{distort, undistort};
 
 /// A half line in world coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,42 +57,10 @@ fn normalised_from_pixel(camera: &Camera, pixel: DVec2) -> DVec2 {
     DVec2::new((pixel.x - camera.principal[0]) / camera.focal[0], (pixel.y - camera.principal[1]) / camera.focal[1])
 }
 
-/// Distorted normalised coordinates.
-pub fn distort(distortion: &Distortion, n: DVec2) -> DVec2 {
-    let Distortion::BrownConrady([k1, k2, p1, p2, k3, k4, k5, k6]) = *distortion else { return n };
-    let r2 = n.length_squared();
-    let radial = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)));
-    let xy = 2.0 * n.x * n.y;
-    n * radial + DVec2::new(p1 * xy + p2 * (r2 + 2.0 * n.x * n.x), p1 * (r2 + 2.0 * n.y * n.y) + p2 * xy)
-}
-
-/// Undistorted normalised coordinates, by Newton steps on `distort` (at most 20; converged below 1e-13).
-pub fn undistort(distortion: &Distortion, distorted: DVec2) -> DVec2 {
-    if *distortion == Distortion::None {
-        return distorted;
-    }
-    let mut n = distorted;
-    for _ in 0..20 {
-        let error = distort(distortion, n) - distorted;
-        if error.length_squared() < 1e-26 {
-            break;
-        }
-        const H: f64 = 1e-6;
-        let dx = (distort(distortion, n + DVec2::X * H) - distort(distortion, n - DVec2::X * H)) / (2.0 * H);
-        let dy = (distort(distortion, n + DVec2::Y * H) - distort(distortion, n - DVec2::Y * H)) / (2.0 * H);
-        let step = glam::DMat2::from_cols(dx, dy).inverse() * error;
-        if !step.is_finite() {
-            break;
-        }
-        n -= step;
-    }
-    n
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use strandflow_core::RigidTransform;
+    use strandflow_core::{Distortion, RigidTransform};
 
     fn camera(distortion: Distortion) -> Camera {
         Camera {

@@ -17,6 +17,7 @@ pub mod obj;
 mod placed;
 pub mod root_uv;
 pub mod scene;
+pub mod sketches;
 pub mod source;
 pub mod space;
 pub mod strands;
@@ -26,7 +27,7 @@ pub mod video_out;
 pub mod whole_file;
 
 pub use alembic::write_alembic;
-pub use calibration::{Calibration, read_calibration, rig_for_views};
+pub use calibration::{Calibration, ReadOptions, read_calibration, read_calibration_with, rig_for_views};
 pub use cards::Cards;
 pub use error::{At, IoError};
 pub use groom::{Groom, read_groom};

@@ -218,12 +218,8 @@ fn check_input(rig: &Rig, masks: &[&Mask], place: &Place, report: &mut Report) -
     for (camera, mask) in rig.cameras.iter().zip(masks) {
         let at = Place { view: Some(camera.name.clone()), ..place.clone() };
         let pose = &camera.camera_from_world;
-        let lens = match camera.distortion {
-            strandflow_core::Distortion::None => [0.0; 8],
-            strandflow_core::Distortion::BrownConrady(terms) => terms,
-        };
-        let numbers = camera.focal.iter().chain(&camera.principal).chain(&lens);
-        if !pose.rotation.is_finite() || !pose.translation.is_finite() || !numbers.clone().all(|n| n.is_finite()) {
+        let lens = camera.focal.iter().chain(&camera.principal).all(|n| n.is_finite()) && camera.distortion.is_finite();
+        if !pose.rotation.is_finite() || !pose.translation.is_finite() || !lens {
             return Err(StageError::NonFinite { place: at, what: "the calibration".into() });
         }
         if (mask.width, mask.height) != (camera.width, camera.height) {

@@ -18,6 +18,9 @@ pub struct EvaluateArgs {
     /// `animate` takes as a groom (one frame), or a folder of such files, one a frame.
     #[arg(long, value_name = "FILE")]
     pub strands: Option<PathBuf>,
+    /// Compare with strands that were drawn over two or more views: `user/sketches/000012.json` of the take, one file a frame.
+    #[arg(long, conflicts_with = "strands")]
+    pub sketches: bool,
     /// Also write everything as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

@@ -25,7 +25,7 @@ pub use self::{
 const FIRST_STEPS: &str = "\
 First steps:
   strandflow demo                           a small synthetic take, all stages, scores, exports
-  strandflow new TAKE --capture DIR         DIR: video/, clean/, calibration.json, user/ (docs/capture.md)
+  strandflow new TAKE --capture DIR         footage, clean plates, a calibration of any format (docs/capture.md)
   strandflow run TAKE                       resumes where it stopped; Ctrl-C loses nothing
   strandflow status TAKE
   strandflow export TAKE --stage blend --to usd OUT.usdc";
@@ -44,7 +44,7 @@ pub struct Args {
 /// The subcommands, one file each.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Scaffold a take from a capture folder; copies nothing.
+    /// Make a take for footage and a calibration; says what it guesses, copies no footage.
     New(NewArgs),
     /// Run the stages; resumes where a run stopped, repeats what is stale.
     Run(RunArgs),

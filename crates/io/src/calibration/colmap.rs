@@ -4,13 +4,19 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use strandflow_core::Rig;
+use strandflow_core::{Distortion, PolynomialLens};
 
-use super::{Calibration, CameraParts, colmap_binary, colmap_text, required_unit, rows_from_quaternion};
+use super::{
+    colmap_binary, colmap_rigs, colmap_text,
+    convention::Unit,
+    naming::names_of_images,
+    parts::{CameraParts, Lens, camera_matrix, rows_from_quaternion},
+    settle::Described,
+};
 use crate::{IoError, error::At};
 
-/// The camera models that are read: COLMAP's number, name, and count of parameters.
-pub(super) const MODELS: [(i32, &str, usize); 11] = [
+/// COLMAP's camera models: number, name, and count of parameters.
+pub(super) const MODELS: [(i32, &str, usize); 12] = [
     (0, "SIMPLE_PINHOLE", 3),
     (1, "PINHOLE", 4),
     (2, "SIMPLE_RADIAL", 4),
@@ -22,6 +28,7 @@ pub(super) const MODELS: [(i32, &str, usize); 11] = [
     (8, "SIMPLE_RADIAL_FISHEYE", 4),
     (9, "RADIAL_FISHEYE", 5),
     (10, "THIN_PRISM_FISHEYE", 12),
+    (11, "RAD_TAN_THIN_PRISM_FISHEYE", 16),
 ];
 
 /// An entry of `cameras`.
@@ -35,109 +42,125 @@ pub(super) struct ModelCamera {
 /// An entry of `images`.
 #[derive(Clone, Debug)]
 pub(super) struct ModelImage {
+    pub id: u32,
     pub quaternion: [f64; 4],
     pub translation: [f64; 3],
     pub camera: u32,
     pub name: String,
 }
 
-/// Reads a COLMAP folder, binary if both forms are there. A view is named by its image's folder (`cam00/000000.png`) or,
-/// without one, by the image's name without ending; of several images of one view the first counts.
-///
-/// # Errors
-/// Files are missing or broken (with the line of a text file), a camera model is not supported, an image's camera is
-/// missing, the unit is not given, or a camera is not sound.
-pub fn read_colmap(folder: &Path, unit_mm: Option<f64>) -> Result<Calibration, IoError> {
+/// What a COLMAP folder says, binary if both forms are there. A view is named by its image's folder (`cam00/000000.png`)
+/// or, where all images lie in one folder, by the image's name without ending; of several images of one view the first
+/// counts. Where the model has rigs and frames, poses are those of the rig.
+pub(super) fn described(folder: &Path) -> Result<Described, IoError> {
     let binary = folder.join("images.bin").exists();
     let ending = if binary { "bin" } else { "txt" };
-    let (cameras_file, images_file) =
-        (folder.join(format!("cameras.{ending}")), folder.join(format!("images.{ending}")));
-    let (cameras, images) = if binary {
+    let file = |part: &str| folder.join(format!("{part}.{ending}"));
+    let (cameras_file, images_file) = (file("cameras"), file("images"));
+    let (cameras, mut images) = if binary {
         (colmap_binary::cameras(&cameras_file)?, colmap_binary::images(&images_file)?)
     } else {
         (colmap_text::cameras(&cameras_file)?, colmap_text::images(&images_file)?)
     };
-    rig_of_model(&cameras_file, &images_file, &cameras, images, required_unit(folder, unit_mm)?)
+    let mut notes = Vec::new();
+    if file("rigs").is_file() && file("frames").is_file() {
+        let poses = colmap_rigs::poses(&file("rigs"), &file("frames"), binary)?;
+        let mut moved = 0;
+        for image in &mut images {
+            if let Some(pose) = poses.get(&image.id) {
+                (image.quaternion, image.translation) = *pose;
+                moved += 1;
+            }
+        }
+        if moved > 0 {
+            notes.push(format!(
+                "the poses of {moved} of {} images are those of the model's rigs and frames",
+                images.len()
+            ));
+        }
+    }
+    let parts = cameras_of_model(&cameras_file, &images_file, &cameras, images, &mut notes)?;
+    Ok(Described { notes, ..Described::opencv("COLMAP", parts, Unit::Unsaid, 0.5) })
 }
 
-fn rig_of_model(
+fn cameras_of_model(
     cameras_file: &Path,
     images_file: &Path,
     cameras: &BTreeMap<u32, ModelCamera>,
     images: Vec<ModelImage>,
-    unit_mm: f64,
-) -> Result<Calibration, IoError> {
+    notes: &mut Vec<String>,
+) -> Result<Vec<CameraParts>, IoError> {
+    let names = names_of_images(&images.iter().map(|image| image.name.as_str()).collect::<Vec<_>>());
     let mut views = BTreeMap::new();
-    let mut notes = Vec::new();
-    for image in images {
-        let view = view_name(&image.name);
+    let mut left_out = 0;
+    for (image, view) in images.into_iter().zip(names) {
         if views.contains_key(&view) {
-            notes.push(format!("view {view}: image {} is left out, the first one's pose counts", image.name));
+            left_out += 1;
             continue;
         }
         let Some(camera) = cameras.get(&image.camera) else {
-            return Err(IoError::content(
-                images_file,
-                At::view(&view),
-                format!(
-                    "image {} names camera {}, which {} does not have",
-                    image.name,
-                    image.camera,
-                    cameras_file.display()
-                ),
-                "export the COLMAP model again",
-            ));
+            let fact = format!(
+                "image {} names camera {}, which {} does not have",
+                image.name,
+                image.camera,
+                cameras_file.display()
+            );
+            return Err(IoError::content(images_file, At::view(&view), fact, "export the COLMAP model again"));
         };
-        let (k, distortion) = intrinsics(cameras_file, &view, camera)?;
+        let (k, lens) = intrinsics(cameras_file, &view, camera)?;
         let parts = CameraParts {
             name: view.clone(),
-            size: camera.size,
+            size: Some(camera.size),
             k,
-            distortion,
+            lens,
             rotation: rows_from_quaternion(image.quaternion),
             translation: image.translation,
-            unit_mm,
-            pixel_shift: 0.0,
         };
-        views.insert(view, parts.build(images_file)?);
+        views.insert(view, parts);
     }
-    Ok(Calibration { rig: Rig { cameras: views.into_values().collect() }, gravity: None, fps: None, notes })
+    if left_out > 0 {
+        notes.push(format!(
+            "{left_out} further images of views are left out: of each view the first image's pose counts"
+        ));
+    }
+    Ok(views.into_values().collect())
 }
 
-fn view_name(image: &str) -> String {
-    let path = Path::new(image);
-    let folder = path.parent().and_then(|parent| parent.file_name());
-    let stem = path.file_stem().unwrap_or_default();
-    folder.unwrap_or(stem).to_string_lossy().into_owned()
-}
-
-type Intrinsics = ([[f64; 3]; 3], Vec<f64>);
+type Intrinsics = ([[f64; 3]; 3], Lens);
 
 fn intrinsics(file: &Path, view: &str, camera: &ModelCamera) -> Result<Intrinsics, IoError> {
     let p = &camera.parameters;
-    let expected = MODELS.iter().find(|(_, name, _)| *name == camera.model).map(|(_, _, count)| *count);
-    if expected.is_some_and(|count| count != p.len()) {
-        let fact = format!("{} has {} parameters instead of {}", camera.model, p.len(), expected.unwrap_or(0));
-        return Err(IoError::content(file, At::view(view), fact, "export the COLMAP model again"));
-    }
-    let k = |fx: f64, fy: f64, cx: f64, cy: f64| [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]];
-    Ok(match camera.model.as_str() {
-        "SIMPLE_PINHOLE" => (k(p[0], p[0], p[1], p[2]), vec![]),
-        "PINHOLE" => (k(p[0], p[1], p[2], p[3]), vec![]),
-        "SIMPLE_RADIAL" => (k(p[0], p[0], p[1], p[2]), vec![p[3]]),
-        "RADIAL" => (k(p[0], p[0], p[1], p[2]), vec![p[3], p[4]]),
-        "OPENCV" | "FULL_OPENCV" => (k(p[0], p[1], p[2], p[3]), p[4..].to_vec()),
-        other => {
-            return Err(IoError::content(
-                file,
-                At::view(view),
-                format!("the camera model {other} is not supported"),
-                "calibrate with SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV or FULL_OPENCV, or undistort the \
-                 images (`colmap image_undistorter`)",
-            ));
+    let refused = |fact: String, hint: &str| Err(IoError::content(file, At::view(view), fact, hint));
+    match MODELS.iter().find(|(_, name, _)| *name == camera.model) {
+        Some((_, _, count)) if *count != p.len() => {
+            let fact = format!("{} has {} parameters instead of {count}", camera.model, p.len());
+            return refused(fact, "export the COLMAP model again");
         }
+        Some(_) => {}
+        None => return refused(format!("the camera model {} is not known", camera.model), SUPPORTED),
+    }
+    let single = camera_matrix(p[0], p[0], p[1], p[2]);
+    let double = || camera_matrix(p[0], p[1], p[2], p[3]);
+    let fisheye = |radial, tangential, prism| {
+        Lens::Known(Distortion::Polynomial(PolynomialLens { fisheye: true, radial, tangential, prism, skew: 0.0 }))
+    };
+    Ok(match camera.model.as_str() {
+        "SIMPLE_PINHOLE" => (single, Lens::OpenCv(vec![])),
+        "PINHOLE" => (double(), Lens::OpenCv(vec![])),
+        "SIMPLE_RADIAL" => (single, Lens::OpenCv(vec![p[3]])),
+        "RADIAL" => (single, Lens::OpenCv(vec![p[3], p[4]])),
+        "OPENCV" | "FULL_OPENCV" => (double(), Lens::OpenCv(p[4..].to_vec())),
+        "SIMPLE_RADIAL_FISHEYE" => (single, Lens::Fisheye(vec![p[3]])),
+        "RADIAL_FISHEYE" => (single, Lens::Fisheye(vec![p[3], p[4]])),
+        "OPENCV_FISHEYE" => (double(), Lens::Fisheye(p[4..].to_vec())),
+        "FOV" => (double(), Lens::Known(Distortion::Fov(p[4]))),
+        "THIN_PRISM_FISHEYE" => (double(), fisheye([p[4], p[5], p[8], p[9]], [p[6], p[7]], [p[10], p[11]])),
+        other => return refused(format!("the camera model {other} is not supported"), SUPPORTED),
     })
 }
+
+const SUPPORTED: &str = "calibrate with PINHOLE, RADIAL, OPENCV, FULL_OPENCV, FOV, OPENCV_FISHEYE, RADIAL_FISHEYE, \
+                         THIN_PRISM_FISHEYE or a simple form of these, or undistort the images (`colmap image_undistorter`)";
 
 #[cfg(test)]
 mod tests {
@@ -167,15 +190,13 @@ mod tests {
     }
 
     #[test]
-    fn the_unit_must_be_given_and_fisheyes_are_refused() {
-        assert!(read_colmap(&data("colmap"), None).unwrap_err().hint().contains("1000"));
-        let camera = ModelCamera { model: "OPENCV_FISHEYE".into(), size: [4, 3], parameters: vec![1.0; 8] };
-        let error = intrinsics(Path::new("cameras.txt"), "cam7", &camera).unwrap_err();
-        assert!(error.to_string().contains("OPENCV_FISHEYE") && error.to_string().contains("cam7"));
-    }
-
-    #[test]
-    fn views_are_named_by_folder_or_stem() {
-        assert_eq!((view_name("cam00/000000.png"), view_name("left.jpg")), ("cam00".into(), "left".into()));
+    fn the_unit_must_be_given_and_unknown_models_are_refused() {
+        assert!(crate::read_calibration(&data("colmap"), None).unwrap_err().hint().contains("1000"));
+        let model = |model: &str| ModelCamera { model: model.into(), size: [4, 3], parameters: vec![1.0; 16] };
+        for name in ["RAD_TAN_THIN_PRISM_FISHEYE", "DIVISION"] {
+            let error = intrinsics(Path::new("cameras.txt"), "cam7", &model(name)).unwrap_err();
+            assert!(error.to_string().contains(name) && error.to_string().contains("cam7"));
+            assert!(error.hint().contains("image_undistorter"));
+        }
     }
 }

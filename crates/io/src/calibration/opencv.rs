@@ -5,16 +5,18 @@
 //! K: `K`, `camera_matrix`, `cameraMatrix`, `M`, `intrinsic`; distortion: `D`, `dist`, `distortion_coefficients`, …;
 //! rotation: `R`, `rvec`; translation: `T`, `t`, `tvec`; size: `image_width`/`image_height`, `image_size`.
 
-use std::path::{Path, PathBuf};
+use std::{collections::BTreeMap, path::Path};
 
 use glam::DVec3;
-use strandflow_core::{Camera, Rig};
 
-use super::{Calibration, CameraParts, opencv_xml, opencv_yaml, required_unit, rows_from_rotation_vector};
-use crate::{
-    IoError,
-    error::{At, read_text},
+use super::{
+    convention::Unit,
+    opencv_xml, opencv_yaml,
+    parts::{CameraParts, Lens, rows_from_rotation_vector, rows_of},
+    settle::Described,
+    xml_tree::{Element, Fault},
 };
+use crate::{IoError, error::At};
 
 /// A node of OpenCV's file storage.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,73 +36,47 @@ const HEIGHT: &[&str] = &["image_height", "imageHeight", "height"];
 const SIZE: &[&str] = &["image_size", "imageSize", "ImageSize", "size"];
 const NAME: &[&str] = &["camera_name", "cameraName", "name"];
 
-/// Reads one OpenCV file with one or more cameras; a single camera without a name takes the file's.
-///
-/// # Errors
-/// The file cannot be read or is not OpenCV's (with the line), a camera lacks a part, the unit is not given, or a camera
-/// is not sound.
-pub fn read_opencv(path: &Path, unit_mm: Option<f64>) -> Result<Calibration, IoError> {
-    let text = read_text(path)?;
-    let is_xml = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("xml"));
-    let parsed = if is_xml { opencv_xml::parse(&text) } else { opencv_yaml::parse(&text) };
-    let root = parsed.map_err(|(line, fact)| {
-        IoError::content(path, At::line(line), fact, "write the file with OpenCV's FileStorage")
-    })?;
-    let cameras = cameras_of(path, &root, required_unit(path, unit_mm)?)?;
-    let notes = vec!["OpenCV: first pixel centre (0, 0) moved to (0.5, 0.5)".to_owned()];
-    Ok(Calibration { rig: Rig { cameras }, gravity: None, fps: None, notes })
+/// Text that names the lens, beside a camera or at the top of a file.
+const MODEL: &[&str] = &["distortion_model", "camera_model", "model_type", "model"];
+
+/// What a YAML file of OpenCV says.
+pub(super) fn described_yaml(path: &Path, text: &str) -> Result<Described, IoError> {
+    described_nodes(path, &opencv_yaml::parse(text).map_err(fault(path))?)
 }
 
-/// Reads a folder of OpenCV files, one a camera, by name.
-///
-/// # Errors
-/// As `read_opencv`; or the folder has no such file.
-pub fn read_opencv_folder(folder: &Path, unit_mm: Option<f64>) -> Result<Calibration, IoError> {
-    let mut files: Vec<PathBuf> = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(IoError::reading(folder))? {
-        let path = entry.map_err(IoError::reading(folder))?.path();
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-        if ["yml", "yaml", "xml"].contains(&extension.as_str()) {
-            files.push(path);
-        }
-    }
-    files.sort();
-    if files.is_empty() {
-        return Err(IoError::content(
-            folder,
-            At::FILE,
-            "is a folder without a calibration",
-            "give a folder with COLMAP's cameras and images, or with one OpenCV .yml or .xml a camera",
-        ));
-    }
-    let mut all = Calibration::default();
-    for file in files {
-        let one = read_opencv(&file, unit_mm)?;
-        all.rig.cameras.extend(one.rig.cameras);
-        all.notes = one.notes;
-    }
-    Ok(all)
+/// What an XML file of OpenCV says.
+pub(super) fn described_xml(path: &Path, document: &Element) -> Result<Described, IoError> {
+    described_nodes(path, &opencv_xml::nodes(document).map_err(fault(path))?)
 }
 
-fn cameras_of(path: &Path, root: &Node, unit_mm: f64) -> Result<Vec<Camera>, IoError> {
+/// What an OpenCV file with one or more cameras says; a single camera without a name takes the file's.
+pub(super) fn described_nodes(path: &Path, root: &Node) -> Result<Described, IoError> {
+    Ok(Described::opencv("OpenCV", cameras_of(path, root)?, Unit::Unsaid, 0.0))
+}
+
+/// The located form of what is wrong with the text.
+pub(super) fn fault(path: &Path) -> impl FnOnce(Fault) -> IoError + '_ {
+    |(line, fact)| IoError::content(path, At::line(line), fact, "write the file with OpenCV's FileStorage")
+}
+
+fn cameras_of(path: &Path, root: &Node) -> Result<Vec<CameraParts>, IoError> {
     let Node::Map(entries) = root else { return Err(no_camera(path)) };
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    if find(entries, K, "").is_some() {
-        return Ok(vec![camera_of(path, &stem, entries, "", unit_mm)?]);
+    let all = by_name(entries);
+    if find(&all, K, "").is_some() {
+        return Ok(vec![camera_of(path, &stem, &all, "")?]);
     }
     let mut cameras = Vec::new();
     for (key, node) in entries {
         match node {
             // A node a camera, or a node that holds such nodes.
-            Node::Map(inner) if find(inner, K, "").is_some() => {
-                cameras.push(camera_of(path, key, inner, "", unit_mm)?);
-            }
+            Node::Map(inner) if holds_camera(inner) => cameras.push(camera_of(path, key, &by_name(inner), "")?),
             Node::Map(inner) => {
                 for (key, node) in inner {
                     if let Node::Map(innermost) = node
-                        && find(innermost, K, "").is_some()
+                        && holds_camera(innermost)
                     {
-                        cameras.push(camera_of(path, key, innermost, "", unit_mm)?);
+                        cameras.push(camera_of(path, key, &by_name(innermost), "")?);
                     }
                 }
             }
@@ -112,12 +88,16 @@ fn cameras_of(path: &Path, root: &Node, unit_mm: f64) -> Result<Vec<Camera>, IoE
                     && numbers.len() == 9
                 {
                     let name = suffix.trim_start_matches('_');
-                    cameras.push(camera_of(path, name, entries, suffix, unit_mm)?);
+                    cameras.push(camera_of(path, name, &all, suffix)?);
                 }
             }
         }
     }
     if cameras.is_empty() { Err(no_camera(path)) } else { Ok(cameras) }
+}
+
+fn holds_camera(entries: &[(String, Node)]) -> bool {
+    entries.iter().any(|(key, _)| K.contains(&key.as_str()))
 }
 
 fn no_camera(path: &Path) -> IoError {
@@ -129,12 +109,18 @@ fn no_camera(path: &Path) -> IoError {
     )
 }
 
-fn find<'a>(entries: &'a [(String, Node)], aliases: &[&str], suffix: &str) -> Option<&'a Node> {
-    let key = |alias: &&str| entries.iter().find(|(key, _)| key.strip_prefix(*alias) == Some(suffix));
-    aliases.iter().find_map(key).map(|(_, node)| node)
+/// The entries of a node by name; of several of one name the first counts.
+type Entries<'a> = BTreeMap<&'a str, &'a Node>;
+
+fn by_name(entries: &[(String, Node)]) -> Entries<'_> {
+    entries.iter().rev().map(|(key, node)| (key.as_str(), node)).collect()
 }
 
-fn camera_of(path: &Path, name: &str, map: &[(String, Node)], suffix: &str, unit: f64) -> Result<Camera, IoError> {
+fn find<'a>(entries: &Entries<'a>, aliases: &[&str], suffix: &str) -> Option<&'a Node> {
+    aliases.iter().find_map(|alias| entries.get(format!("{alias}{suffix}").as_str()).copied())
+}
+
+fn camera_of(path: &Path, name: &str, map: &Entries<'_>, suffix: &str) -> Result<CameraParts, IoError> {
     let name = match find(map, NAME, suffix) {
         Some(Node::Text(text)) => text.clone(),
         _ => name.to_owned(),
@@ -145,37 +131,40 @@ fn camera_of(path: &Path, name: &str, map: &[(String, Node)], suffix: &str, unit
         _ => None,
     };
     let either = |aliases: &[&str]| numbers(aliases, suffix).or_else(|| numbers(aliases, ""));
-    let k = numbers(K, suffix).and_then(|v| rows(&v)).ok_or_else(|| missing("3x3 camera matrix", "name it K"))?;
+    let k = numbers(K, suffix).and_then(|v| rows_of(&v)).ok_or_else(|| missing("3x3 camera matrix", "name it K"))?;
     let size = match (either(SIZE), either(WIDTH), either(HEIGHT)) {
-        (Some(size), _, _) if size.len() == 2 => [size[0], size[1]],
-        (_, Some(width), Some(height)) if width.len() == 1 && height.len() == 1 => [width[0], height[0]],
-        _ => return Err(missing("image size", "add image_width and image_height")),
+        (Some(size), _, _) if size.len() == 2 => Some([size[0], size[1]]),
+        (_, Some(width), Some(height)) if width.len() == 1 && height.len() == 1 => Some([width[0], height[0]]),
+        _ => None,
     };
     let extrinsics = "add R (3x3) or rvec (3) and T (3), world to camera, for every camera in one common world";
     let rotation = match numbers(ROTATION, suffix) {
         Some(v) if v.len() == 3 => rows_from_rotation_vector(DVec3::new(v[0], v[1], v[2])),
-        Some(v) => rows(&v).ok_or_else(|| missing("3x3 rotation", extrinsics))?,
+        Some(v) => rows_of(&v).ok_or_else(|| missing("3x3 rotation", extrinsics))?,
         None => return Err(missing("rotation", extrinsics)),
     };
     let translation = numbers(TRANSLATION, suffix)
         .and_then(|v| <[f64; 3]>::try_from(v).ok())
         .ok_or_else(|| missing("translation", extrinsics))?;
-    CameraParts {
-        name: name.clone(),
-        size: size.map(|side| side as usize),
+    let terms = numbers(DISTORTION, suffix).unwrap_or_default();
+    Ok(CameraParts {
+        lens: if is_fisheye(map, suffix) { Lens::Fisheye(terms) } else { Lens::OpenCv(terms) },
+        name,
+        size: size.map(|size| size.map(|side| side as usize)),
         k,
-        distortion: numbers(DISTORTION, suffix).unwrap_or_default(),
         rotation,
         translation,
-        unit_mm: unit,
-        pixel_shift: 0.5,
-    }
-    .build(path)
+    })
 }
 
-fn rows(v: &[f64]) -> Option<[[f64; 3]; 3]> {
-    let v: &[f64; 9] = v.try_into().ok()?;
-    Some([[v[0], v[1], v[2]], [v[3], v[4], v[5]], [v[6], v[7], v[8]]])
+/// `fisheye_model: 1` as OpenCV's calibration program writes it, or a model of that name.
+fn is_fisheye(map: &Entries<'_>, suffix: &str) -> bool {
+    let flag = find(map, &["fisheye_model", "fisheye"], suffix);
+    let is_named = find(map, MODEL, suffix).is_some_and(|node| match node {
+        Node::Text(text) => ["fisheye", "equidistant"].iter().any(|word| text.to_ascii_lowercase().contains(word)),
+        _ => false,
+    });
+    is_named || matches!(flag, Some(Node::Numbers(value)) if value.iter().any(|&x| x != 0.0))
 }
 
 /// A map that describes an `opencv-matrix` becomes its numbers.

@@ -1,6 +1,7 @@
+use std::path::PathBuf;
+
 use super::*;
 use glam::DVec2;
-use proptest::prelude::*;
 use strandflow_geometry::project::project;
 
 fn data(name: &str) -> PathBuf {
@@ -29,50 +30,23 @@ fn projections_agree_with_opencv() {
 fn cameras_told_apart_by_suffix_and_lists_of_cameras() {
     let suffixed = "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\nK_a: [900, 0, 320, 0, 900, 240, 0, 0, 1]\n\
                     R_a: [1, 0, 0, 0, 1, 0, 0, 0, 1]\nT_a: [0., 0., 2.]\n";
-    let cameras = cameras_of(Path::new("c.yml"), &opencv_yaml::parse(suffixed).unwrap(), 1.0).unwrap();
-    assert_eq!((cameras[0].name.as_str(), cameras[0].principal), ("a", [320.5, 240.5]));
+    let cameras = cameras_of(Path::new("c.yml"), &opencv_yaml::parse(suffixed).unwrap()).unwrap();
+    assert_eq!((cameras[0].name.as_str(), cameras[0].size), ("a", Some([640, 480])));
     let listed = "cameras:\n  - name: a\n    image_size: [640, 480]\n    K: [900, 0, 320, 0, 900, 240, 0, 0, 1]\n    \
                   rvec: [0, 0, 0]\n    T: [0, 0, 2]\n";
-    let cameras = cameras_of(Path::new("c.yml"), &opencv_yaml::parse(listed).unwrap(), 1.0).unwrap();
+    let cameras = cameras_of(Path::new("c.yml"), &opencv_yaml::parse(listed).unwrap()).unwrap();
     assert_eq!((cameras.len(), cameras[0].name.as_str()), (1, "a"));
 }
 
 #[test]
 fn missing_parts_are_named() {
     let text = std::fs::read_to_string(data("left.yml")).unwrap();
-    for (part, fact) in [
-        ("\nT:", "no translation"),
-        ("\nR:", "no rotation"),
-        ("image_width", "no image size"),
-        ("camera_matrix", "no camera matrix"),
-    ] {
-        let root = opencv_yaml::parse(
-            &text.replace(
-                part,
-                &format!("{}other", &part[..part.len().min(1)])
-                    .replace("other", if part.ends_with(':') { "other:" } else { "other" }),
-            ),
-        )
-        .unwrap();
-        let error = cameras_of(Path::new("left.yml"), &root, 1.0).unwrap_err().to_string();
+    for (part, fact) in [("\nT:", "no translation"), ("\nR:", "no rotation"), ("camera_matrix", "no camera matrix")] {
+        let named_otherwise = part.replace(['T', 'R'], "Q").replace("camera_matrix", "matrix");
+        let root = opencv_yaml::parse(&text.replace(part, &named_otherwise)).unwrap();
+        let error = cameras_of(Path::new("left.yml"), &root).unwrap_err().to_string();
         assert!(error.contains(fact), "{part}: {error}");
     }
-    let error = read_opencv(&data("left.yml"), None).unwrap_err();
+    let error = crate::read_calibration(&data("left.yml"), None).unwrap_err();
     assert!(error.hint().contains("millimetres"));
-}
-
-proptest! {
-    #[test]
-    fn cut_and_changed_text_is_safe(cut in 0usize..1500, at in 0usize..1500, byte in 9u8..127) {
-        for file in ["left.yml", "left.xml", "rig.yml", "rig.xml"] {
-            let mut text = std::fs::read(data(file)).unwrap();
-            let n = text.len();
-            text[at % n] = byte;
-            text.truncate(cut);
-            let text = String::from_utf8_lossy(&text);
-            for parsed in [opencv_yaml::parse(&text), opencv_xml::parse(&text)].into_iter().flatten() {
-                let _ = cameras_of(Path::new("c"), &parsed, 1.0);
-            }
-        }
-    }
 }

@@ -105,10 +105,12 @@ impl Parser {
     /// `[ 1., 2., … ]`, perhaps over several lines.
     fn flow(&mut self, first: &str, line: usize) -> Result<Node, Fault> {
         let mut text = first.to_owned();
-        while !text.contains(']') {
+        let mut is_closed = first.contains(']');
+        while !is_closed {
             let Some(next) = self.lines.get(self.at) else { return Err((line, "the list has no end".into())) };
             text.push(' ');
             text.push_str(&next.content);
+            is_closed = next.content.contains(']');
             self.at += 1;
         }
         let inner = text.trim_start_matches('[').split(']').next().unwrap_or_default();

@@ -4,13 +4,15 @@ use std::path::Path;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use strandflow_core::{Camera, Distortion, Rig};
+use strandflow_core::{Camera, Distortion};
 
-use super::{Calibration, CameraParts, plain_json::check_numbers};
-use crate::{
-    IoError,
-    error::{At, read_text},
+use super::{
+    Calibration,
+    convention::{Unit, unit_from_name},
+    parts::{CameraParts, Lens, camera_matrix},
+    settle::Described,
 };
+use crate::{IoError, error::At};
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -34,19 +36,15 @@ struct CameraEntry {
     principal: [f64; 2],
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     distortion: Vec<f64>,
+    /// Lenses that are not OpenCV's of eight terms.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    lens: Option<Distortion>,
     rotation: [[f64; 3]; 3],
     translation: [f64; 3],
 }
 
-/// Reads our TOML calibration.
-///
-/// # Errors
-/// The file cannot be read, is not of this form (with the line), or a camera is not sound.
-pub fn read_toml(path: &Path) -> Result<Calibration, IoError> {
-    toml_from_text(path, &read_text(path)?)
-}
-
-fn toml_from_text(path: &Path, text: &str) -> Result<Calibration, IoError> {
+/// What our TOML says.
+pub(super) fn described(path: &Path, text: &str) -> Result<Described, IoError> {
     let file: RigFile = toml::from_str(text).map_err(|cause| {
         let line = cause.span().map(|span| text[..span.start.min(text.len())].matches('\n').count() + 1);
         IoError::content(
@@ -56,26 +54,19 @@ fn toml_from_text(path: &Path, text: &str) -> Result<Calibration, IoError> {
             "every camera needs name, width, height, focal, principal, rotation and translation",
         )
     })?;
-    let unit_mm = super::unit_from_name(path, &file.units)?;
-    let pixel_shift = super::pixel_shift(path, Some(&file.pixel_convention))?;
-    let camera = |entry: CameraEntry| {
-        let ([fx, fy], [cx, cy]) = (entry.focal, entry.principal);
-        CameraParts {
-            name: entry.name,
-            size: [entry.width, entry.height],
-            k: [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]],
-            distortion: entry.distortion,
-            rotation: entry.rotation,
-            translation: entry.translation,
-            unit_mm,
-            pixel_shift,
-        }
-        .build(path)
+    let unit = Unit::Stated(unit_from_name(path, &file.units)?);
+    let first_pixel = 0.5 - super::pixel_shift(path, Some(&file.pixel_convention))?;
+    let camera = |entry: CameraEntry| CameraParts {
+        name: entry.name,
+        size: Some([entry.width, entry.height]),
+        k: camera_matrix(entry.focal[0], entry.focal[1], entry.principal[0], entry.principal[1]),
+        lens: entry.lens.map_or(Lens::OpenCv(entry.distortion), Lens::Known),
+        rotation: entry.rotation,
+        translation: entry.translation,
     };
-    let cameras = file.cameras.into_iter().map(camera).collect::<Result<_, _>>()?;
-    let gravity = file.gravity.map(|g| DVec3::from(g) * unit_mm);
-    check_numbers(path, gravity, file.fps)?;
-    Ok(Calibration { rig: Rig { cameras }, gravity, fps: file.fps, notes: Vec::new() })
+    let cameras = file.cameras.into_iter().map(camera).collect();
+    let described = Described::opencv("our own", cameras, unit, first_pixel);
+    Ok(Described { gravity: file.gravity.map(DVec3::from), fps: file.fps, ..described })
 }
 
 /// The text of our TOML calibration; numbers come back exactly. Notes are not kept.
@@ -99,9 +90,10 @@ fn entry_of(camera: &Camera) -> CameraEntry {
         focal: camera.focal,
         principal: camera.principal,
         distortion: match camera.distortion {
-            Distortion::None => Vec::new(),
             Distortion::BrownConrady(terms) => terms.to_vec(),
+            _ => Vec::new(),
         },
+        lens: Some(camera.distortion).filter(|lens| !matches!(lens, Distortion::None | Distortion::BrownConrady(_))),
         rotation: camera.camera_from_world.rotation.transpose().to_cols_array_2d(),
         translation: camera.camera_from_world.translation.to_array(),
     }
@@ -118,44 +110,55 @@ pub fn write_toml(path: &Path, calibration: &Calibration) -> Result<(), IoError>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
+    use crate::calibration::{ReadOptions, settle::settle};
+    use strandflow_core::{PolynomialLens, Rig, RigidTransform};
 
     fn calibration() -> Calibration {
-        let parts = CameraParts {
-            name: "back".into(),
-            size: [640, 480],
-            k: [[1400.1, 0.0, 320.3], [0.0, 1410.7, 240.9], [0.0, 0.0, 1.0]],
-            distortion: vec![-0.2, 0.1, 1e-3, 2e-3, 0.01],
-            rotation: crate::calibration::rows_from_rotation_vector(DVec3::new(0.1, 0.2, 0.3)),
-            translation: [0.1, 0.2, 1.5],
-            unit_mm: 1000.0,
-            pixel_shift: 0.0,
+        let rotation = glam::DMat3::from_rotation_x(0.1) * glam::DMat3::from_rotation_y(0.2);
+        let camera = |(name, distortion): (&str, Distortion)| Camera {
+            name: name.into(),
+            width: 640,
+            height: 480,
+            focal: [1400.1, 1410.7],
+            principal: [320.3, 240.9],
+            distortion,
+            camera_from_world: RigidTransform { rotation, translation: DVec3::new(100.0, 200.0, 1500.1) },
         };
-        let rig = Rig { cameras: vec![parts.build(Path::new("c")).unwrap()] };
-        Calibration { rig, gravity: Some(DVec3::new(0.0, -9810.0, 0.1)), fps: Some(59.94), notes: vec![] }
+        let lenses = [
+            ("straight", Distortion::None),
+            ("back", Distortion::BrownConrady([-0.2, 0.1, 1e-3, 2e-3, 0.01, 0.0, 0.0, 0.0])),
+            ("tilted", Distortion::Tilted([0.01; 14])),
+            ("wide", Distortion::Fov(0.9)),
+            ("fish", Distortion::Polynomial(PolynomialLens { fisheye: true, radial: [0.1; 4], ..Default::default() })),
+        ];
+        let rig = Rig { cameras: lenses.map(camera).into() };
+        Calibration { rig, gravity: Some(DVec3::new(0.0, -9810.0, 0.1)), fps: Some(59.94), ..Calibration::default() }
+    }
+
+    fn read(text: &str) -> Result<Calibration, IoError> {
+        let path = Path::new("c.toml");
+        settle(path, described(path, text)?, &ReadOptions::default())
     }
 
     #[test]
     fn numbers_come_back_exactly() {
-        let text = toml_text(&calibration());
-        assert_eq!(toml_from_text(Path::new("c.toml"), &text).unwrap(), calibration());
+        let written = toml_text(&calibration());
+        let back = read(&written).unwrap();
+        assert_eq!((back.gravity, back.fps, back.notes.len()), (calibration().gravity, Some(59.94), 0));
+        for (camera, expected) in back.rig.cameras.iter().zip(calibration().rig.cameras) {
+            let pose = camera.camera_from_world;
+            assert!(
+                (pose.rotation - expected.camera_from_world.rotation).to_cols_array().iter().all(|x| x.abs() < 1e-15)
+            );
+            assert_eq!(*camera, Camera { camera_from_world: pose, ..expected });
+        }
+        assert_eq!(toml_text(&read(&toml_text(&back)).unwrap()), toml_text(&back));
     }
 
     #[test]
     fn mistakes_name_the_line() {
         let text = toml_text(&calibration()).replace("focal", "focus");
-        let error = toml_from_text(Path::new("c.toml"), &text).unwrap_err().to_string();
+        let error = read(&text).unwrap_err().to_string();
         assert!(error.starts_with("c.toml:") && error.contains("focus"), "{error}");
-    }
-
-    proptest! {
-        #[test]
-        fn cut_and_changed_text_is_safe(cut in 0usize..900, at in 0usize..900, byte in 32u8..127) {
-            let mut text = toml_text(&calibration()).into_bytes();
-            let n = text.len();
-            text[at % n] = byte;
-            text.truncate(cut);
-            let _ = toml_from_text(Path::new("c"), &String::from_utf8_lossy(&text));
-        }
     }
 }

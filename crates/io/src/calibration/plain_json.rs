@@ -6,12 +6,16 @@ use std::path::Path;
 
 use glam::DVec3;
 use serde::Deserialize;
-use strandflow_core::Rig;
 
-use super::{Calibration, CameraParts, pixel_shift, unit_from_name};
+use super::{
+    convention::{Axes, Pose, Unit, unit_from_name},
+    parts::{CameraParts, Lens},
+    pixel_shift,
+    settle::Described,
+};
 use crate::{
     IoError,
-    error::{At, not_json, read_text},
+    error::{At, not_json},
 };
 
 #[derive(Deserialize)]
@@ -32,28 +36,26 @@ struct RigFile {
 #[derive(Deserialize)]
 struct CameraEntry {
     name: String,
-    width: usize,
-    height: usize,
+    #[serde(default)]
+    width: Option<usize>,
+    #[serde(default)]
+    height: Option<usize>,
     #[serde(alias = "k", alias = "intrinsics")]
     #[serde(rename = "K")]
     k: [[f64; 3]; 3],
     #[serde(default, alias = "dist", alias = "distCoeffs")]
     distortion: Vec<f64>,
+    /// "fisheye": distortion is OpenCV's fisheye.
+    #[serde(default, alias = "camera_model", alias = "distortion_model")]
+    model: Option<String>,
     #[serde(rename = "R", alias = "rotation")]
     r: [[f64; 3]; 3],
     #[serde(alias = "T", alias = "translation")]
     t: [f64; 3],
 }
 
-/// Reads a plain K/R/t JSON file.
-///
-/// # Errors
-/// The file cannot be read, is not of this form (with the line), does not name its unit, or a camera is not sound.
-pub fn read_plain_json(path: &Path) -> Result<Calibration, IoError> {
-    plain_json_from_text(path, &read_text(path)?)
-}
-
-fn plain_json_from_text(path: &Path, text: &str) -> Result<Calibration, IoError> {
+/// What a plain K/R/t JSON file says.
+pub(super) fn described(path: &Path, text: &str) -> Result<Described, IoError> {
     let file: RigFile = serde_json::from_str(text).map_err(|cause| {
         let hint = "every camera needs name, width, height, K (3x3), R (3x3), t (3) and optionally distortion";
         not_json(path, text, &cause, "a calibration", hint)
@@ -62,122 +64,93 @@ fn plain_json_from_text(path: &Path, text: &str) -> Result<Calibration, IoError>
         let hint = "add \"units\": \"metres\" (or millimetres) beside \"cameras\"";
         return Err(IoError::content(path, At::FILE, "does not name its unit of length", hint));
     };
-    let unit_mm = unit_from_name(path, &units)?;
+    let unit = Unit::Stated(unit_from_name(path, &units)?);
     let shift = pixel_shift(path, file.pixel_convention.as_deref())?;
     let mut notes = Vec::new();
     if file.pixel_convention.is_none() {
         notes.push("no pixel_convention: the first pixel's centre is taken to be (0.5, 0.5)".to_owned());
     }
-    let flip = axes_are_opengl(path, file.convention.as_deref(), &mut notes)?;
-    let mut cameras = Vec::new();
-    for entry in file.cameras {
-        let (mut rotation, mut translation) = (entry.r, entry.t);
-        if flip {
-            for row in 1..3 {
-                rotation[row] = rotation[row].map(|x| -x);
-                translation[row] = -translation[row];
-            }
-        }
-        let parts = CameraParts {
-            name: entry.name,
-            size: [entry.width, entry.height],
-            k: entry.k,
-            distortion: entry.distortion,
-            rotation,
-            translation,
-            unit_mm,
-            pixel_shift: shift,
-        };
-        cameras.push(parts.build(path)?);
-    }
-    let gravity = file.gravity_world.map(|g| DVec3::from(g) * unit_mm);
-    check_numbers(path, gravity, file.fps)?;
-    Ok(Calibration { rig: Rig { cameras }, gravity, fps: file.fps, notes })
+    let (pose, axes) = convention_in_words(file.convention.as_deref(), &mut notes);
+    let cameras = file.cameras.into_iter().map(parts).collect();
+    Ok(Described {
+        pose,
+        axes,
+        fallback: Some((Pose::WorldToCamera, Axes::OpenCv)),
+        gravity: file.gravity_world.map(DVec3::from),
+        fps: file.fps,
+        notes,
+        ..Described::opencv("K/R/t", cameras, unit, 0.5 - shift)
+    })
 }
 
-/// Gravity must be a direction, the frame rate positive.
-pub(super) fn check_numbers(path: &Path, gravity: Option<DVec3>, fps: Option<f64>) -> Result<(), IoError> {
-    if let Some(g) = gravity.filter(|g| !g.is_finite() || g.length() < 1e-9) {
-        let fact = format!("gravity {g} mm/s² is no direction");
-        return Err(IoError::content(
-            path,
-            At::FILE,
-            fact,
-            "give gravity in the world, for example [0, 0, -9.81] m/s²",
-        ));
+fn parts(entry: CameraEntry) -> CameraParts {
+    let is_fisheye = entry.model.is_some_and(|model| {
+        let model = model.to_ascii_lowercase();
+        model.contains("fisheye") || model.contains("equidistant")
+    });
+    CameraParts {
+        name: entry.name,
+        size: entry.width.zip(entry.height).map(|(width, height)| [width, height]),
+        k: entry.k,
+        lens: if is_fisheye { Lens::Fisheye(entry.distortion) } else { Lens::OpenCv(entry.distortion) },
+        rotation: entry.r,
+        translation: entry.t,
     }
-    if let Some(fps) = fps.filter(|fps| !fps.is_finite() || *fps <= 0.0) {
-        let fact = format!("{fps} frames per second is no frame rate");
-        return Err(IoError::content(path, At::FILE, fact, "give the frame rate of the videos"));
-    }
-    Ok(())
 }
 
-fn axes_are_opengl(path: &Path, convention: Option<&str>, notes: &mut Vec<String>) -> Result<bool, IoError> {
-    let Some(text) = convention else {
-        notes.push("no convention: R and t are taken as world to camera with OpenCV axes".into());
-        return Ok(false);
-    };
+fn convention_in_words(convention: Option<&str>, notes: &mut Vec<String>) -> (Option<Pose>, Option<Axes>) {
+    let Some(text) = convention else { return (None, None) };
     let plain = text.to_ascii_lowercase();
-    if ["camera to world", "camera-to-world", "cam2world", "c2w"].iter().any(|words| plain.contains(words)) {
-        return Err(IoError::content(
-            path,
-            At::FILE,
-            format!("the convention `{text}` is camera to world"),
-            "invert the poses: x_cam = R x_world + t",
-        ));
-    }
-    if plain.contains("opengl") || plain.contains("blender") {
-        return Ok(true);
-    }
-    if !plain.contains("opencv") && !plain.contains("x_cam") {
+    let says = |words: &[&str]| words.iter().any(|word| plain.contains(word));
+    let pose = if says(&["camera to world", "camera-to-world", "cam2world", "c2w"]) {
+        Pose::CameraToWorld
+    } else {
+        Pose::WorldToCamera
+    };
+    let axes = if says(&["opengl", "blender"]) { Axes::OpenGl } else { Axes::OpenCv };
+    if pose == Pose::WorldToCamera && axes == Axes::OpenCv && !says(&["opencv", "x_cam"]) {
         notes.push(format!("convention `{text}` is taken as world to camera with OpenCV axes"));
     }
-    Ok(false)
+    (Some(pose), Some(axes))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
+    use crate::calibration::{Calibration, ReadOptions, settle::settle};
 
     const GOOD: &str = include_str!("../../tests/data/rig.json");
 
+    fn read(text: &str) -> Result<Calibration, IoError> {
+        let path = Path::new("c.json");
+        settle(path, described(path, text)?, &ReadOptions::default())
+    }
+
     #[test]
     fn metres_become_millimetres_and_gravity_is_kept() {
-        let calibration = plain_json_from_text(Path::new("c.json"), GOOD).unwrap();
+        let calibration = read(GOOD).unwrap();
         assert_eq!(calibration.rig.view_count(), 2);
         assert_eq!(calibration.gravity, Some(DVec3::new(0.0, 0.0, -9810.0)));
         assert_eq!(calibration.fps, Some(100.0));
         assert!(calibration.rig.cameras[0].camera_from_world.translation.z > 1000.0);
-        assert!(calibration.notes.is_empty());
+        assert!(calibration.notes.is_empty(), "{:?}", calibration.notes);
     }
 
     #[test]
     fn a_file_without_units_or_with_holes_is_an_error() {
         let text = GOOD.replace("\"units\"", "\"unit\"");
-        assert!(plain_json_from_text(Path::new("c"), &text).unwrap_err().hint().contains("units"));
+        assert!(read(&text).unwrap_err().hint().contains("units"));
         let text = GOOD.replacen("\"R\"", "\"Q\"", 1);
-        assert!(plain_json_from_text(Path::new("c.json"), &text).unwrap_err().to_string().starts_with("c.json:"));
+        assert!(read(&text).unwrap_err().to_string().starts_with("c.json:"));
     }
 
     #[test]
-    fn opengl_axes_are_turned() {
-        let cv = plain_json_from_text(Path::new("c"), GOOD).unwrap().rig.cameras.remove(0);
-        let gl = plain_json_from_text(Path::new("c"), &GOOD.replace("OpenCV", "OpenGL")).unwrap().rig.cameras.remove(0);
+    fn opengl_axes_and_poses_of_cameras_are_turned() {
+        let camera = |text: &str| read(text).unwrap().rig.cameras.remove(0).camera_from_world;
+        let (cv, gl) = (camera(GOOD), camera(&GOOD.replace("OpenCV", "OpenGL")));
         let p = DVec3::new(30.0, 40.0, 50.0);
-        let (a, b) = (cv.camera_from_world.point(p), gl.camera_from_world.point(p));
-        assert!((a - DVec3::new(b.x, -b.y, -b.z)).length() < 1e-9);
-    }
-
-    proptest! {
-        #[test]
-        fn cut_and_changed_text_is_safe(cut in 0usize..3000, at in 0usize..3000, byte in 32u8..127) {
-            let mut text = GOOD.as_bytes().to_vec();
-            let n = text.len();
-            text[at % n] = byte;
-            text.truncate(cut);
-            let _ = plain_json_from_text(Path::new("c"), &String::from_utf8_lossy(&text));
-        }
+        assert!((cv.point(p) - gl.point(p) * DVec3::new(1.0, -1.0, -1.0)).length() < 1e-9);
+        let c2w = camera(&GOOD.replace("OpenCV: x_cam = R x_world + t", "OpenCV camera to world"));
+        assert!((cv.point(c2w.point(p)) - p).length() < 1e-9);
     }
 }
