@@ -7,7 +7,7 @@ use std::{
 };
 
 use strandflow_core::{FrameRange, ImageSource, Mask, RgbImage, Rig};
-use strandflow_io::{IoError, TakeSource, ViewInput};
+use strandflow_io::{IoError, LabelledMarker, TakeSource, ViewInput};
 
 use crate::{
     EngineError, Manifest, Views,
@@ -72,6 +72,7 @@ impl Sources {
         let sources = Self { images, files, names, plates, labels, hairs, subjects, frames };
         // Labels are read again by the stage; looked at now, so that hours of masks do not come before the error.
         sources.labels(views.rig(), frames.start)?;
+        sources.corrections(views.rig())?;
         sources.must_begin_with_hair(frames.start)?;
         Ok(sources)
     }
@@ -130,8 +131,36 @@ impl Sources {
                 "label the markers in the take's first frame, or begin the take there",
             ));
         }
+        let found = self.in_views(labels.markers, first, rig)?;
+        let usable = found.iter().filter(|(_, views)| views.len() >= 2).count();
+        if usable < 5 {
+            let fact =
+                format!("frame {first}: {usable} markers are labelled in two or more views, at least 5 are needed");
+            return Err(EngineError::input(name, fact, "label more markers, each in every view that sees it"));
+        }
+        Ok(found)
+    }
+
+    /// Corrections of markers in other frames, by frame.
+    ///
+    /// # Errors
+    /// `Input` where the file cannot be read or a point is outside its view.
+    pub fn corrections(&self, rig: &Rig) -> Result<BTreeMap<usize, Vec<NumberedMarker>>, EngineError> {
+        let labels = strandflow_io::read_marker_labels(&self.labels)?;
+        let of_frame = |(frame, markers)| Ok((frame, self.in_views(markers, frame, rig)?));
+        labels.corrections.into_iter().map(of_frame).collect()
+    }
+
+    /// Markers by the index of the view, each within its image.
+    fn in_views(
+        &self,
+        markers: Vec<LabelledMarker>,
+        frame: usize,
+        rig: &Rig,
+    ) -> Result<Vec<NumberedMarker>, EngineError> {
+        let name = self.labels.display();
         let mut found = Vec::new();
-        for marker in labels.markers {
+        for marker in markers {
             let mut views = BTreeMap::new();
             for (view, point) in marker.views {
                 // Labels of views that the take leaves out are of no use, and of no harm.
@@ -142,17 +171,11 @@ impl Sources {
                     let fact = format!("marker {} is at {point:?}, outside the image of {size} pixels", marker.id);
                     let hint =
                         "label it where the view shows it, in pixels of the footage; leave out views that do not";
-                    return Err(EngineError::input(format!("{name}, view {view}, frame {first}"), fact, hint));
+                    return Err(EngineError::input(format!("{name}, view {view}, frame {frame}"), fact, hint));
                 }
                 views.insert(at, point);
             }
             found.push((marker.id, views));
-        }
-        let usable = found.iter().filter(|(_, views)| views.len() >= 2).count();
-        if usable < 5 {
-            let fact =
-                format!("frame {first}: {usable} markers are labelled in two or more views, at least 5 are needed");
-            return Err(EngineError::input(name, fact, "label more markers, each in every view that sees it"));
         }
         Ok(found)
     }
