@@ -1,4 +1,4 @@
-//! A running `strandflow view`, and an HTTP client of a few lines.
+//! A running `strandflow view` or `strandflow annotate`, and an HTTP client of a few lines.
 #![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
 use std::{
@@ -26,10 +26,19 @@ pub struct Answer {
 }
 
 impl Viewer {
-    /// Serves a take.
+    /// Serves a take for looking.
     pub fn of(take: &Path, more: &[&str]) -> Self {
+        Self::by("view", take, more)
+    }
+
+    /// Serves a take by a command.
+    pub fn by(command_name: &str, take: &Path, more: &[&str]) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_strandflow"));
-        command.args(["view", text(take), "--port", "0"]).args(more).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+            .args([command_name, text(take), "--port", "0"])
+            .args(more)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
         let mut child = command.spawn().unwrap();
         let mut url = String::new();
         BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut url).unwrap();
@@ -57,9 +66,15 @@ impl Viewer {
 
     /// Asks with these headers alone.
     pub fn ask(&self, method: &str, path: &str, headers: &[&str]) -> Answer {
+        self.send(method, path, headers, &[])
+    }
+
+    /// Sends a body with these headers alone; its length is not among them.
+    pub fn send(&self, method: &str, path: &str, headers: &[&str], body: &[u8]) -> Answer {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
         let lines: String = headers.iter().map(|header| format!("{header}\r\n")).collect();
         write!(stream, "{method} {path} HTTP/1.1\r\n{lines}Connection: close\r\n\r\n").unwrap();
+        stream.write_all(body).unwrap();
         let mut bytes = Vec::new();
         stream.read_to_end(&mut bytes).unwrap();
         let end = bytes.windows(4).position(|w| w == b"\r\n\r\n").unwrap();
