@@ -11,7 +11,7 @@ use std::{
 
 use common::{
     bytes_below, stderr, strandflow, synthetic, text,
-    viewer::{Answer, Viewer},
+    viewer::{Answer, Viewer, pages},
 };
 use serde_json::{Value, json};
 use strandflow_core::Mask;
@@ -249,26 +249,21 @@ fn a_run_uses_what_was_handed_in_and_repeats_no_more() {
     assert_eq!(done_by_run(&take, "pose"), keys(&[]));
 }
 
+/// What of both pages needs no browser: `web/test/*.test.ts`.
+#[test]
+fn parts_of_the_pages() {
+    let Some(web) = pages() else { return };
+    for args in [["build.mjs", "--tests"], ["--test", ".test/"]] {
+        let run = Command::new("node").current_dir(&web).args(args).output().unwrap();
+        assert!(run.status.success(), "{}{}", String::from_utf8_lossy(&run.stdout), stderr(&run));
+    }
+}
+
 /// The page in a real Chromium, driven by `web/test/annotate.mjs`: markers are labelled, masks painted, strands sketched; the
 /// program and the browser are killed in between. Then `run` uses what was labelled.
 #[test]
 fn annotate_page() {
-    let web = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../web");
-    let chromium = std::env::var("CHROMIUM").unwrap_or("/usr/bin/chromium".into());
-    let node = Command::new("node").arg("--version").output().is_ok_and(|out| out.status.success());
-    let lacking = match () {
-        () if !node => "Node",
-        () if !Path::new(&chromium).is_file() => "Chromium",
-        () if !web.join("node_modules/playwright-core").is_dir() => "web/node_modules (`cargo xtask web`)",
-        () if !strandflow_view::page::IS_BUILT => "the built page (`cargo xtask web`)",
-        () => "",
-    };
-    if !lacking.is_empty() {
-        let must = ["CI", "STRANDFLOW_REQUIRE"].iter().any(|name| std::env::var_os(name).is_some());
-        assert!(!must, "the page cannot be tested without {lacking}");
-        println!("skipped: no {lacking}");
-        return;
-    }
+    let Some(web) = pages() else { return };
     let root = tempfile::tempdir().unwrap();
     let (capture, take) = made(root.path());
     // The page begins with an empty table; the script knows where the markers are.

@@ -131,7 +131,7 @@ fn text(capture: &Path, found: &Found, held_out: &[String]) -> String {
     }
     text += &format!(
         "\n[labels]\n# Markers labelled in the first frame.\nmarkers = {}\n\
-         # Hair masks VIEW/FRAME.png: the first frame's; further ones correct from there on.\nhair_masks = {}\n\
+         # Hair masks VIEW/FRAME.png: the first frame's; further ones hold for the frames nearest to them.\nhair_masks = {}\n\
          # Subject masks VIEW/FRAME.png that replace computed ones.\n",
         quoted(&found.labels),
         quoted(&found.hair_masks),

@@ -60,10 +60,11 @@ impl Sources {
         let frames = frames_of(manifest, &images, &files, rig)?;
         let plates: Vec<PathBuf> = manifest.views.iter().map(|view| root.join(&view.plate)).collect();
         for (view, plate) in names.iter().zip(&plates) {
-            must_exist(plate, view, "clean plate")?;
+            must_exist(plate, view, "clean plate", "check the path in the manifest")?;
         }
         let labels = root.join(&manifest.labels.markers);
-        must_exist(&labels, "all", "file of marker labels")?;
+        let hint = "label markers with `strandflow annotate TAKE`, or check the path in the manifest";
+        must_exist(&labels, "all", "file of marker labels", hint)?;
         let hairs = masks_in(&root.join(&manifest.labels.hair_masks), &names)?;
         let subjects = match &manifest.labels.subject_masks {
             Some(folder) => masks_in(&root.join(folder), &names)?,
@@ -186,7 +187,10 @@ impl Sources {
             Some(view) => Err(EngineError::input(
                 format!("view {}, frame {first}", self.names[view]),
                 "there is no hair mask of the take's first frame",
-                format!("paint one and save it as {}/{first:06}.png in the folder of hair masks", self.names[view]),
+                format!(
+                    "paint one with `strandflow annotate TAKE`, or save it as {}/{first:06}.png in the folder of hair masks",
+                    self.names[view]
+                ),
             )),
         }
     }
@@ -297,19 +301,20 @@ fn in_image(point: [f64; 2], size: [usize; 2]) -> bool {
     point.iter().zip(size).all(|(x, side)| (0.0..=side as f64).contains(x))
 }
 
-fn must_exist(path: &Path, view: &str, what: &str) -> Result<(), EngineError> {
+fn must_exist(path: &Path, view: &str, what: &str, hint: &str) -> Result<(), EngineError> {
     if path.is_file() {
         return Ok(());
     }
     let subject = format!("{}, view {view}", path.display());
-    Err(EngineError::input(subject, format!("the {what} is not there"), "check the path in the manifest"))
+    Err(EngineError::input(subject, format!("the {what} is not there"), hint))
 }
 
 /// Masks of a folder `VIEW/FRAME.png`, by frame, one map a view.
 fn masks_in(folder: &Path, names: &[String]) -> Result<Vec<BTreeMap<usize, PathBuf>>, EngineError> {
     if !folder.is_dir() {
         let subject = folder.display().to_string();
-        return Err(EngineError::input(subject, "the folder of masks is not there", "check the path in the manifest"));
+        let hint = "paint masks with `strandflow annotate TAKE`, or check the path in the manifest";
+        return Err(EngineError::input(subject, "the folder of masks is not there", hint));
     }
     names.iter().map(|name| numbered_images(&folder.join(name))).collect()
 }

@@ -19,13 +19,15 @@ import { TOOLS, clampFrame, fromHash, toHash } from './state.ts';
 import type { Look, ToolName } from './state.ts';
 import { Strip } from './strip.ts';
 import { Timeline } from './timeline.ts';
-import { line, within } from './tool.ts';
-import type { Room, Spot, Tool } from './tool.ts';
+import { line } from './marks.ts';
+import { within } from './tool.ts';
+import type { Part, Room, Spot, Tool } from './tool.ts';
 import { Saver } from './wire.ts';
 import type { Work } from './wire.ts';
 
 /** Width of the small views' images [px]. */
 const SMALL = 320;
+const REMEMBER_MS = 250;
 
 export class App implements Room {
   readonly views: WorkView[];
@@ -46,6 +48,9 @@ export class App implements Room {
   private byKeys = false;
   private penIsDown = false;
   private due = 0;
+  private rememberDue = 0;
+  /** Counted, so that what is as it was is not drawn again. */
+  private readonly changes = { all: 0, view: 0, drawn: -1 };
   private isAlive = true;
 
   constructor(readonly api: Api, readonly work: Work) {
@@ -63,12 +68,13 @@ export class App implements Room {
       down: (spot, event) => this.down(spot, event),
       move: (spot) => this.tool.move(spot),
       up: () => this.tool.up(),
-      hover: (spot) => { this.byKeys = false; this.cursor = spot?.at ?? null; this.redraw(); },
+      hover: (spot) => { this.byKeys = false; this.cursor = spot?.at ?? null; this.redraw('cursor'); },
     });
     this.strip = new Strip(this.views, (view) => this.set({ view, sheet: false }));
     this.timeline = new Timeline(work, (frame) => this.go(frame));
     this.furnish();
     new Keys(actions(this));
+    addEventListener('pagehide', () => this.rememberNow());
     addEventListener('resize', () => { this.strip.layout(); this.redraw(); });
     this.arrive();
   }
@@ -113,8 +119,20 @@ export class App implements Room {
       this.cursor = null;
     }
     if (['frame', 'tool', 'view', 'sheet'].some((key) => before[key as keyof Look] !== this.look[key as keyof Look])) this.arrive();
+    this.remember();
+    // Zooming changes the large view alone.
+    this.redraw(Object.keys(change).join() === 'zoom' ? 'cursor' : 'all');
+  }
+
+  /** Keeps the look in the address. Browsers bear a few such changes a second, not one a movement. */
+  private remember(): void {
+    if (this.rememberDue === 0) this.rememberDue = window.setTimeout(() => this.rememberNow(), REMEMBER_MS);
+  }
+
+  private rememberNow(): void {
+    clearTimeout(this.rememberDue);
+    this.rememberDue = 0;
     history.replaceState(null, '', `#${toHash(this.look)}`);
-    this.redraw();
   }
 
   /** A zoomed view hands its zoom on to the next, around what is selected. */
@@ -153,7 +171,7 @@ export class App implements Room {
     this.cursor = within(view, [from[0] + x * px, from[1] + y * px]);
     this.byKeys = true;
     if (this.penIsDown) this.tool.move(this.spot());
-    this.redraw();
+    this.redraw('cursor');
   }
 
   spot(): Spot {
@@ -199,14 +217,19 @@ export class App implements Room {
 
   // ---- looks
 
-  redraw(): void {
+  redraw(what: Part = 'all'): void {
+    if (what === 'all') this.changes.all += 1;
+    if (what === 'view') this.changes.view += 1;
     if (this.due === 0) this.due = requestAnimationFrame(() => { this.due = 0; this.draw(); });
   }
 
   private draw(): void {
     const { look, tool } = this;
-    this.bars();
-    byId('panel').replaceChildren(el('section', {}, ...tool.panel().filter((node): node is Node => node !== false)));
+    if (this.changes.drawn !== this.changes.all) {
+      this.bars();
+      byId('panel').replaceChildren(el('section', {}, ...tool.panel().filter((node): node is Node => node !== false)));
+    }
+    this.changes.drawn = this.changes.all;
     const view = this.view(look.view);
     const path = Images.path(view.name, look.frame, null);
     const image = this.images.get(path) ?? this.images.get(Images.path(view.name, look.frame, SMALL));
@@ -218,10 +241,9 @@ export class App implements Room {
       focus: look.close ? tool.focus(small) : null,
       caption: tool.caption(small),
       isCurrent: small === view,
-      draw: (ink, px) => {
-        if (look.overlay) tool.draw(ink, small, px, false);
-        if (isGuided && this.cursor && small !== view) line(ink, epipolar(view, this.cursor, small, this.centre), '#9be7ff', px, [3 * px, 3 * px]);
-      },
+      change: `${this.changes.all} ${small === view ? this.changes.view : ''}`,
+      draw: (ink, px) => { if (look.overlay) tool.draw(ink, small, px, false); },
+      guide: isGuided && this.cursor && small !== view ? epipolar(view, this.cursor, small, this.centre) : [],
     }));
   }
 
@@ -293,7 +315,7 @@ export class App implements Room {
   }
 
   get atRest(): boolean {
-    return this.images.atRest && this.tool.atRest && this.saver.waiting === 0 && this.due === 0;
+    return this.images.atRest && this.tool.atRest && this.saver.waiting === 0 && this.due === 0 && this.rememberDue === 0;
   }
 
   async settled(): Promise<void> {

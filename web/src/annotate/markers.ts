@@ -1,9 +1,11 @@
 // Markers: labelled in one frame, corrected in others. Two labelled views tell where a marker is in all.
 
 import { el } from '../dom.ts';
+import { labelsAt, putLabel, removeMarker } from './labels.ts';
+import { colourOf, cross, line, name, ring, swatch } from './marks.ts';
 import { epipolar, project, triangulate } from './camera.ts';
 import type { P2, P3, WorkView } from './camera.ts';
-import { apart, colourOf, line, rounded, within } from './tool.ts';
+import { apart, within } from './tool.ts';
 import type { Room, Spot, Tool } from './tool.ts';
 import { readJson } from './wire.ts';
 import type { LabelDoc, Marker, Tracks } from './wire.ts';
@@ -59,17 +61,12 @@ export class Markers implements Tool {
     return this.room.look.frame === this.doc.frame;
   }
 
-  /** The labels of the frame. */
-  private at(doc: LabelDoc, frame: number): Marker[] {
-    return frame === doc.frame ? doc.markers : doc.corrections?.find((c) => c.frame === frame)?.markers ?? [];
-  }
-
   private label(id: number, view: string): P2 | undefined {
-    return this.at(this.doc, this.room.look.frame).find((m) => m.id === id)?.views[view];
+    return labelsAt(this.doc, this.room.look.frame).find((m) => m.id === id)?.views[view];
   }
 
   private seen(id: number): [WorkView, P2][] {
-    const marker = this.at(this.doc, this.room.look.frame).find((m) => m.id === id);
+    const marker = labelsAt(this.doc, this.room.look.frame).find((m) => m.id === id);
     return Object.entries(marker?.views ?? {}).flatMap(([name, at]) => {
       const view = this.room.views.find((v) => v.name === name);
       return view ? [[view, at] as [WorkView, P2]] : [];
@@ -117,31 +114,6 @@ export class Markers implements Tool {
   }
 
   // ---- changes
-
-  private put(doc: LabelDoc, id: number, view: string, at: P2 | null): void {
-    const { frame } = this.room.look;
-    let markers = this.at(doc, frame);
-    if (frame !== doc.frame && !doc.corrections?.some((c) => c.frame === frame)) {
-      doc.corrections = [...(doc.corrections ?? []), { frame, markers: [] }].sort((a, b) => a.frame - b.frame);
-      markers = this.at(doc, frame);
-    }
-    let marker = markers.find((m) => m.id === id);
-    if (!marker) {
-      marker = { id, views: {} };
-      markers.push(marker);
-      markers.sort((a, b) => a.id - b.id);
-    }
-    if (at) marker.views[view] = rounded(at);
-    else delete marker.views[view];
-    this.tidy(doc);
-  }
-
-  /** Corrections without a point are none. A marker of the first frame keeps its number until it is removed. */
-  private tidy(doc: LabelDoc): void {
-    const known = new Set(doc.markers.map((m) => m.id));
-    const kept = (m: Marker) => known.has(m.id) && Object.keys(m.views).length > 0;
-    doc.corrections = (doc.corrections ?? []).map((c) => ({ ...c, markers: c.markers.filter(kept) })).filter((c) => c.markers.length > 0);
-  }
 
   private apply(doc: LabelDoc): void {
     this.doc = doc;
@@ -220,7 +192,7 @@ export class Markers implements Tool {
   move({ view, at }: Spot): void {
     if (!this.drag) return;
     const doc = structuredClone(this.drag.before);
-    this.put(doc, this.drag.id, view.name, within(view, at));
+    putLabel(doc, this.room.look.frame, this.drag.id, view.name, within(view, at));
     this.doc = doc;
     this.room.redraw();
   }
@@ -234,7 +206,7 @@ export class Markers implements Tool {
   act({ view, at }: Spot): void {
     const id = this.chosen();
     if (id === null) return;
-    this.change('label', (doc) => this.put(doc, id, view.name, within(view, at)));
+    this.change('label', (doc) => putLabel(doc, this.room.look.frame, id, view.name, within(view, at)));
   }
 
   /** Takes what is predicted in this view for a label. */
@@ -250,7 +222,7 @@ export class Markers implements Tool {
       this.room.say('The marker is outside this view.');
       return;
     }
-    this.change('label', (doc) => this.put(doc, marker, name, guess.at));
+    this.change('label', (doc) => putLabel(doc, this.room.look.frame, marker, name, guess.at));
   }
 
   step(by: number): void {
@@ -264,14 +236,10 @@ export class Markers implements Tool {
     const { marker, view, frame } = this.room.look;
     if (marker === null) return;
     if (!everywhere) {
-      if (this.label(marker, view)) this.change('removed label', (doc) => this.put(doc, marker, view, null));
+      if (this.label(marker, view)) this.change('removed label', (doc) => putLabel(doc, frame, marker, view, null));
       return;
     }
-    this.change('removed marker', (doc) => {
-      if (this.isFirst) doc.markers = doc.markers.filter((m) => m.id !== marker);
-      else for (const c of doc.corrections ?? []) if (c.frame === frame) c.markers = c.markers.filter((m) => m.id !== marker);
-      this.tidy(doc);
-    });
+    this.change('removed marker', (doc) => removeMarker(doc, frame, marker));
     if (this.isFirst) this.room.set({ marker: null });
   }
 
@@ -355,39 +323,4 @@ export class Markers implements Tool {
     const guesses = marker === null ? {} : Object.fromEntries(this.room.views.map((v) => [v.name, this.guess(marker, v)]));
     return { labels: this.doc, rms, guesses };
   }
-}
-
-/** A square of a colour: styles of elements are set here, the page's policy allows none in markup. */
-export function swatch(colour: string): HTMLElement {
-  const node = el('i', { className: 'swatch' });
-  node.style.background = colour;
-  return node;
-}
-
-function ring(ink: CanvasRenderingContext2D, [x, y]: P2, radius: number, colour: string, width: number, dash: number[] = []): void {
-  ink.beginPath();
-  ink.arc(x, y, radius, 0, 2 * Math.PI);
-  ink.setLineDash(dash);
-  ink.strokeStyle = 'rgb(0 0 0 / 60%)';
-  ink.lineWidth = width * 2;
-  ink.stroke();
-  ink.strokeStyle = colour;
-  ink.lineWidth = width;
-  ink.stroke();
-  ink.setLineDash([]);
-}
-
-function cross(ink: CanvasRenderingContext2D, [x, y]: P2, half: number, colour: string, width: number): void {
-  line(ink, [[x - half, y], [x + half, y]], colour, width);
-  line(ink, [[x, y - half], [x, y + half]], colour, width);
-}
-
-function name(ink: CanvasRenderingContext2D, text: string, [x, y]: P2, size: number, colour: string, bold: boolean): void {
-  ink.font = `${bold ? 700 : 500} ${size}px system-ui, sans-serif`;
-  ink.lineWidth = size / 4;
-  ink.lineJoin = 'round';
-  ink.strokeStyle = 'rgb(0 0 0 / 70%)';
-  ink.strokeText(text, x, y);
-  ink.fillStyle = colour;
-  ink.fillText(text, x, y);
 }

@@ -4,8 +4,8 @@ import { el } from '../dom.ts';
 import { cut, fill, paste, stroke, union } from './brush.ts';
 import type { Plane, Rect } from './brush.ts';
 import type { P2, WorkView } from './camera.ts';
+import { swatch } from './marks.ts';
 import { greyPng } from './png.ts';
-import { swatch } from './markers.ts';
 import type { Room, Spot, Tool } from './tool.ts';
 import { readMask } from './wire.ts';
 import type { MaskKind, Origin } from './wire.ts';
@@ -185,7 +185,7 @@ export class Masks implements Tool {
     this.tint(pen.sheet, rect);
     pen.rect = union(pen.rect, rect);
     pen.last = at;
-    this.room.redraw();
+    this.room.redraw('view');
   }
 
   up(): void {

@@ -3,8 +3,8 @@
 import { el } from '../dom.ts';
 import { epipolar, project, triangulate } from './camera.ts';
 import type { P2, P3, WorkView } from './camera.ts';
-import { swatch } from './markers.ts';
-import { apart, colourOf, line, rounded, within } from './tool.ts';
+import { colourOf, line, swatch } from './marks.ts';
+import { apart, rounded, within } from './tool.ts';
 import type { Room, Spot, Tool } from './tool.ts';
 import { readJson } from './wire.ts';
 import type { SketchDoc } from './wire.ts';
@@ -129,7 +129,7 @@ export class Sketches implements Tool {
     const p = within(view, at);
     if (apart(p, this.pen.points.at(-1)!) < Math.max(1, STEP * px)) return;
     this.pen.points.push(p);
-    this.room.redraw();
+    this.room.redraw('view');
   }
 
   up(): void {

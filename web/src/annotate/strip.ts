@@ -2,6 +2,7 @@
 
 import { byId, el } from '../dom.ts';
 import type { P2, WorkView } from './camera.ts';
+import { line } from './marks.ts';
 
 /** A close view shows this share of the image's width. */
 const CLOSE = 1 / 6;
@@ -12,7 +13,11 @@ export interface Small {
   focus: P2 | null;
   caption: string;
   isCurrent: boolean;
+  /** As long as it is the same, so is what `draw` draws. */
+  change: string;
   draw: (ink: CanvasRenderingContext2D, px: number) => void;
+  /** A line that follows the cursor. */
+  guide: P2[];
 }
 
 interface Tile {
@@ -20,6 +25,10 @@ interface Tile {
   node: HTMLElement;
   canvas: HTMLCanvasElement;
   note: HTMLElement;
+  /** Everything but the line that follows the cursor. */
+  base: HTMLCanvasElement;
+  drawn: string;
+  isGuided: boolean;
 }
 
 export class Strip {
@@ -34,7 +43,7 @@ export class Strip {
       const name = el('b', {}, view.name);
       const node = el('figure', { className: 'tile' }, open, el('figcaption', {}, name, note));
       if (view.held_out) name.append(el('i', { title: 'held out: takes no part in the reconstruction' }, ' held out'));
-      return { view, node, canvas, note };
+      return { view, node, canvas, note, base: el('canvas'), drawn: '', isGuided: false };
     });
     this.room.append(...this.tiles.map((tile) => tile.node));
   }
@@ -63,23 +72,36 @@ export class Strip {
 
   draw(small: (view: WorkView) => Small): void {
     const ratio = Math.min(2, devicePixelRatio);
-    for (const { view, node, canvas, note } of this.tiles) {
-      const { image, focus, caption, isCurrent, draw } = small(view);
+    for (const tile of this.tiles) {
+      const { view, node, canvas, note, base } = tile;
+      const { image, focus, caption, isCurrent, change, draw, guide } = small(view);
       node.classList.toggle('current', isCurrent);
       if (note.textContent !== caption) note.textContent = caption;
       const [width, height] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
       if (width === 0) continue;
-      if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-      const ink = canvas.getContext('2d')!;
+      const now = `${width} ${height} ${change}`;
+      const isNew = now !== tile.drawn;
+      if (!isNew && guide.length === 0 && !tile.isGuided) continue;
+      [tile.drawn, tile.isGuided] = [now, guide.length > 0];
       const scale = (width / view.width) * (focus ? 1 / CLOSE : 1);
       const at = focus ?? [view.width / 2, view.height / 2];
+      const inView = (ink: CanvasRenderingContext2D) =>
+        ink.setTransform(scale, 0, 0, scale, width / 2 - at[0] * scale, height / 2 - at[1] * scale);
+      if (isNew) {
+        for (const one of [canvas, base]) if (one.width !== width || one.height !== height) [one.width, one.height] = [width, height];
+        const ink = base.getContext('2d')!;
+        ink.setTransform(1, 0, 0, 1, 0, 0);
+        ink.clearRect(0, 0, width, height);
+        inView(ink);
+        if (image) ink.drawImage(image, 0, 0, view.width, view.height);
+        draw(ink, ratio / scale);
+      }
+      const ink = canvas.getContext('2d')!;
       ink.setTransform(1, 0, 0, 1, 0, 0);
       ink.clearRect(0, 0, width, height);
-      ink.setTransform(scale, 0, 0, scale, width / 2 - at[0] * scale, height / 2 - at[1] * scale);
-      if (image) ink.drawImage(image, 0, 0, view.width, view.height);
-      ink.save();
-      draw(ink, ratio / scale);
-      ink.restore();
+      ink.drawImage(base, 0, 0);
+      inView(ink);
+      line(ink, guide, '#9be7ff', ratio / scale, [(3 * ratio) / scale, (3 * ratio) / scale]);
     }
   }
 }

@@ -6,6 +6,8 @@ import type { History } from './history.ts';
 import type { Look } from './state.ts';
 import type { Saver, Work } from './wire.ts';
 
+export type Part = 'all' | 'view' | 'cursor';
+
 export interface Room {
   work: Work;
   views: WorkView[];
@@ -17,7 +19,8 @@ export interface Room {
   api: Api;
   view(name: string): WorkView;
   set(change: Partial<Look>): void;
-  redraw(): void;
+  /** Draws anew: everything, the view that is worked on, or where the cursor is. */
+  redraw(what?: Part): void;
   say(text: string, hint?: string): void;
   error(error: Error): void;
 }
@@ -56,28 +59,6 @@ export interface Tool {
   frames(): number[];
   /** For whoever drives the page. */
   counters(): Record<string, unknown>;
-}
-
-/** Colours of things with numbers: neighbours differ. */
-export function colourOf(id: number, strength = 1): string {
-  return `hsl(${(id * 137.5 + 20) % 360} ${85 * strength}% 62%)`;
-}
-
-/** A line that is seen on light and on dark ground. */
-export function line(ink: CanvasRenderingContext2D, points: P2[], colour: string, width: number, dash: number[] = []): void {
-  if (points.length < 2) return;
-  ink.beginPath();
-  points.forEach(([x, y], i) => (i === 0 ? ink.moveTo(x, y) : ink.lineTo(x, y)));
-  ink.lineJoin = ink.lineCap = 'round';
-  ink.setLineDash([]);
-  ink.strokeStyle = 'rgb(0 0 0 / 45%)';
-  ink.lineWidth = width * 1.8;
-  if (dash.length === 0) ink.stroke();
-  ink.setLineDash(dash);
-  ink.strokeStyle = colour;
-  ink.lineWidth = width;
-  ink.stroke();
-  ink.setLineDash([]);
 }
 
 export const apart = (a: P2, b: P2) => Math.hypot(a[0] - b[0], a[1] - b[1]);

@@ -149,8 +149,9 @@ export class Saver {
     }
     document.wanted = true;
     this.trouble = error instanceof Lost ? 'the program does not answer' : error.message;
-    if (error instanceof Refusal && error.status === 401) this.unknown();
     clearTimeout(this.timer);
+    // Without the new token every try would be refused.
+    if (error instanceof Refusal && error.status === 401) return this.unknown();
     this.timer = window.setTimeout(() => this.again(), AGAIN_MS);
   }
 }

@@ -5,11 +5,29 @@ use std::{
     collections::BTreeMap,
     io::{BufRead, BufReader, Read, Write},
     net::TcpStream,
-    path::Path,
+    path::{Path, PathBuf},
     process::{Child, Command, Stdio},
 };
 
 use super::text;
+
+/// The folder of the pages, where all is there that drives them; else says what is lacking and that the test is skipped.
+pub fn pages() -> Option<PathBuf> {
+    let web = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../web");
+    let chromium = std::env::var("CHROMIUM").unwrap_or("/usr/bin/chromium".into());
+    let node = Command::new("node").arg("--version").output().is_ok_and(|out| out.status.success());
+    let lacking = match () {
+        () if !node => "Node",
+        () if !Path::new(&chromium).is_file() => "Chromium",
+        () if !web.join("node_modules/playwright-core").is_dir() => "web/node_modules (`cargo xtask web`)",
+        () if !strandflow_view::page::IS_BUILT => "the built page (`cargo xtask web`)",
+        () => return Some(web),
+    };
+    let must = ["CI", "STRANDFLOW_REQUIRE"].iter().any(|name| std::env::var_os(name).is_some());
+    assert!(!must, "the page cannot be tested without {lacking}");
+    println!("skipped: no {lacking}");
+    None
+}
 
 /// The command, serving a take on a free port; ended when it is dropped.
 pub struct Viewer {
