@@ -115,6 +115,7 @@ fn what_may_not_be_handed_in_is_refused_and_told() {
     assert_eq!(desk.put("/api/sketches/4", ABSENT, br#"{"strands":[]}"#).status, 404);
     assert_eq!(desk.put("/api/sketches/..%2F0", ABSENT, br#"{"strands":[]}"#).status, 400);
     assert_eq!(desk.put("/api/work", ABSENT, b"{}").status, 405);
+    assert_eq!(desk.put("/api/mask/hair/%ff/1", ABSENT, b"{}").status, 400);
     // What.
     let size = mask_png(&Mask::filled(48, 64, 255)).unwrap();
     let cut = &mask_png(&Mask::from_fn(64, 48, |x, y| (x * y) as u8)).unwrap()[..200];

@@ -41,8 +41,10 @@ pub(crate) async fn guarded(State(gate): State<Arc<Gate>>, request: Request, nex
         None => next.run(request).await,
     };
     let why = response.extensions_mut().remove::<Why>();
-    if let (Some(told), Some(asked), Some(Why(why))) = (&gate.refused, asked, why) {
-        told(&asked, response.status().as_u16(), &why);
+    let status = response.status();
+    if let (Some(told), Some(asked), true) = (&gate.refused, asked, status.as_u16() >= 400) {
+        // What is refused before any of our functions is asked says nothing of itself.
+        told(&asked, status.as_u16(), why.as_ref().map_or("the address makes no sense", |Why(why)| why));
     }
     response.headers_mut().extend(security_headers().map(|(name, value)| (Some(name), value)));
     response

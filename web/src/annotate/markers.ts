@@ -298,7 +298,7 @@ export class Markers implements Tool {
     const usable = this.doc.markers.filter((m) => Object.keys(m.views).length >= 2).length;
     const pose = tracks && tracks.rms_px !== null
       ? `Pose of the last run: ${tracks.used} markers, ${tracks.rms_px.toFixed(2)} px${tracks.interpolated ? ', between its neighbours' : ''}.`
-      : 'This frame was not tracked yet: run to `pose`.';
+      : 'This frame was not tracked yet: run to stage pose.';
     const about = this.isFirst
       ? `${usable} of at least 5 markers are labelled in two or more views.`
       : `${pose} What you label here corrects the tracks before and after, up to the next correction.`;
@@ -313,6 +313,7 @@ export class Markers implements Tool {
     };
     return [
       el('h2', {}, this.isFirst ? 'Markers' : 'Corrections'), el('p', {}, about),
+      this.doc.markers.length === 0 && this.isHere && el('p', {}, 'Click a marker in one view, then in a second one: lines show where it can be. From then on m labels it in the others. n begins the next.'),
       el('div', { className: 'items' }, ...this.doc.markers.map(row)),
     ];
   }

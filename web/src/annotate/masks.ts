@@ -267,7 +267,7 @@ export class Masks implements Tool {
     const words = this.kind === 'hair'
       ? 'A mask that you give is carried to the frames around it, as far as they are nearer to it than to another one you gave. The first frame needs one.'
       : 'A mask that you give replaces the computed one of this frame alone.';
-    const from = sheet && { given: 'Yours.', computed: 'Made by the last run; a stroke makes it yours.', none: 'None yet: paint one, or run to `masks`.' }[sheet.origin];
+    const from = sheet && { given: 'Yours.', computed: 'Made by the last run; a stroke makes it yours.', none: 'None yet: paint one, or run to stage masks.' }[sheet.origin];
     const size = el('input', { type: 'range', min: '1', max: '100', value: String(Math.min(100, brush)), 'aria-label': 'Radius of the brush' });
     size.addEventListener('input', () => this.room.set({ brush: Number(size.value) }));
     const mode = (what: string, on: boolean) =>

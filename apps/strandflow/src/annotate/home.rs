@@ -54,9 +54,13 @@ impl Home {
         self.files.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The files, all within the take.
-    pub fn for_writing(&self) -> Result<MutexGuard<'_, Files>, Refusal> {
+    /// The files, all within the take. Where `may` refuses the change, nothing is copied for it.
+    pub fn for_writing(
+        &self,
+        may: impl FnOnce(&Files) -> Result<(), Refusal>,
+    ) -> Result<MutexGuard<'_, Files>, Refusal> {
         let mut files = self.files();
+        may(&files)?;
         if !files.are_within() {
             *files = self.bring_in(&files).map_err(|error| not_written(&error))?;
         }

@@ -23,8 +23,7 @@ pub fn get(home: &Home, first: usize) -> Result<Document, Refusal> {
 pub fn put(home: &Home, rig: &Rig, frames: FrameRange, made_from: &str, json: &[u8]) -> Result<String, Refusal> {
     let labels = parsed(Path::new("labels"), json)?;
     check(&labels, rig, frames)?;
-    let files = home.for_writing()?;
-    must_be_current("the file of labels", made_from, &read(&files.labels)?.0)?;
+    let files = home.for_writing(|files| must_be_current("the file of labels", made_from, &read(&files.labels)?.0))?;
     let text = labels.to_json();
     files.write(&files.labels, text.as_bytes())?;
     Ok(version(text.as_bytes()))

@@ -60,10 +60,12 @@ pub fn get(home: &Home, source: &Source, kind: MaskKind, place: Place) -> Result
 
 /// A new mask of the view's size, or none.
 pub fn put(home: &Home, kind: MaskKind, place: Place, made_from: &str, mask: Option<&Mask>) -> Result<String, Refusal> {
-    let files = home.for_writing()?;
+    let files = home.for_writing(|files| {
+        let there = file_of(files, kind, place)?;
+        let current = there.as_deref().map_or_else(|| Ok(ABSENT.to_owned()), |file| Ok(read(file)?.0))?;
+        must_be_current(&format!("the mask of view {}, frame {}", place.view, place.frame), made_from, &current)
+    })?;
     let there = file_of(&files, kind, place)?;
-    let current = there.as_deref().map_or_else(|| Ok(ABSENT.to_owned()), |file| Ok(read(file)?.0))?;
-    must_be_current(&format!("the mask of view {}, frame {}", place.view, place.frame), made_from, &current)?;
     let Some(folder) = files.masks(kind) else { return Ok(ABSENT.into()) };
     let path = folder.join(place.view).join(format!("{:06}.png", place.frame));
     if let Some(mask) = mask {

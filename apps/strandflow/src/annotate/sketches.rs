@@ -67,9 +67,10 @@ pub fn get(home: &Home, frame: usize) -> Result<Document, Refusal> {
 pub fn put(home: &Home, rig: &Rig, frame: usize, made_from: &str, json_sent: &[u8]) -> Result<String, Refusal> {
     let strands = parsed("the sketches", json_sent)?;
     check(&strands, rig)?;
-    let files = home.for_writing()?;
-    let (there, old, _) = both(&files, frame)?;
-    must_be_current(&format!("the sketches of frame {frame}"), made_from, &there)?;
+    let files = home.for_writing(|files| {
+        must_be_current(&format!("the sketches of frame {frame}"), made_from, &both(files, frame)?.0)
+    })?;
+    let (_, old, _) = both(&files, frame)?;
     let (complete, drafts): (Vec<Sketch>, Vec<Sketch>) = strands.into_iter().partition(Sketch::is_complete);
     // Killed between the two files, no strand is lost: it stands in both, and the complete one counts.
     let becomes_draft = drafts.iter().any(|draft| old.iter().any(|sketch| sketch.id == draft.id));
