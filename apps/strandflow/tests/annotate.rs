@@ -208,7 +208,7 @@ fn a_run_uses_what_was_handed_in_and_repeats_no_more() {
     assert_eq!(done_by_run(&take, "pose"), keys(&["pose/pose/take"]));
     let opened = Take::open(&take).unwrap();
     let ids: Vec<u32> = opened.store().read_all("pose/ids").unwrap();
-    let index = ids.iter().position(|i| Value::from(*i) == id).unwrap();
+    let index = ids.iter().position(|i| *i == id).unwrap();
     let found = opened.read_poses().unwrap().tracks[2][1][index].unwrap();
     let off = (found.x - moved[0]).hypot(found.y - moved[1]);
     // The marker's centre is measured where the label says to look.
