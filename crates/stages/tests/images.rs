@@ -171,7 +171,7 @@ fn a_fringe_is_thinned_where_the_wall_is_behind_it_and_not_where_skin_is() {
             plate: &plate,
             given_subject: None,
             given_hair: None,
-            previous: None,
+            neighbour: None,
             key: Some(&key_hair),
             look: Some(&look),
             edge: Some(&edge),
