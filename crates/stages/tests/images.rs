@@ -217,6 +217,8 @@ impl ImageSource for Takes {
     }
 }
 
+const IN_FRONT: &str = "the balls are before all cameras";
+
 /// A head of seven balls before three cameras, six frames of it.
 struct Balls {
     rig: Rig,
@@ -248,7 +250,7 @@ impl Balls {
         let mut noise = Noise(3);
         let mut shot = |t: usize, view: usize| {
             let seen: Vec<_> =
-                balls.iter().map(|b| project(&rig.cameras[view], pose_at(t).point(*b)).unwrap()).collect();
+                balls.iter().map(|b| project(&rig.cameras[view], pose_at(t).point(*b)).expect(IN_FRONT)).collect();
             Arc::new(Plane::from_fn(200, 160, |x, y| {
                 let mut colour = [110.0, 90.0, 70.0];
                 for (i, p) in seen.iter().enumerate() {
@@ -266,7 +268,7 @@ impl Balls {
     fn labels(&self, t: usize, balls: usize, views: usize) -> Vec<pose::MarkerLabel> {
         let label = |(i, b): (usize, &DVec3)| {
             let seen = self.rig.cameras[..views].iter().enumerate();
-            let views = seen.map(|(v, c)| (v, project(c, (self.pose_at)(t).point(*b)).unwrap())).collect();
+            let views = seen.map(|(v, c)| (v, project(c, (self.pose_at)(t).point(*b)).expect(IN_FRONT))).collect();
             pose::MarkerLabel { id: i as u32, views }
         };
         self.balls[..balls].iter().enumerate().map(label).collect()
