@@ -1,4 +1,4 @@
-// Bundles the page into dist/, or with --tests the unit tests into .test/ (Node 20 does not run TypeScript by itself).
+// Bundles the pages into dist/, or with --tests the unit tests into .test/ (Node 20 does not run TypeScript by itself).
 import { build } from 'esbuild';
 import { cp, mkdir, readdir, rm } from 'node:fs/promises';
 
@@ -12,7 +12,10 @@ if (process.argv.includes('--tests')) {
 } else {
   await rm(`${here}dist`, { recursive: true, force: true });
   await mkdir(`${here}dist`, { recursive: true });
-  await build({ ...common, entryPoints: { app: 'src/main.ts' }, outdir: 'dist', minify: true });
-  await build({ ...common, entryPoints: { app: 'src/app.css' }, outdir: 'dist', minify: true });
-  await cp(`${here}src/index.html`, `${here}dist/index.html`);
+  const pages = { app: ['src/main.ts', 'src/app.css', 'src/index.html', 'index'], annotate: ['src/annotate/main.ts', 'src/annotate/annotate.css', 'src/annotate/annotate.html', 'annotate'] };
+  for (const [name, [script, style, text, called]] of Object.entries(pages)) {
+    await build({ ...common, entryPoints: { [name]: script }, outdir: 'dist', minify: true });
+    await build({ ...common, entryPoints: { [name]: style }, outdir: 'dist', minify: true });
+    await cp(`${here}${text}`, `${here}dist/${called}.html`);
+  }
 }

@@ -1,8 +1,15 @@
-//! Puts the built page into the program, where there is one. Needs no Node: what is not built is replaced by a note.
+//! Puts the built pages into the program, where there is one. Needs no Node: what is not built is replaced by a note.
 
 use std::{env, fs, io, path::Path};
 
-const FILES: [(&str, &str); 3] = [("INDEX", "index.html"), ("SCRIPT", "app.js"), ("STYLE", "app.css")];
+const FILES: [(&str, &str); 6] = [
+    ("VIEW_INDEX", "index.html"),
+    ("VIEW_SCRIPT", "app.js"),
+    ("VIEW_STYLE", "app.css"),
+    ("ANNOTATE_INDEX", "annotate.html"),
+    ("ANNOTATE_SCRIPT", "annotate.js"),
+    ("ANNOTATE_STYLE", "annotate.css"),
+];
 
 fn main() -> io::Result<()> {
     let own = env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default();
@@ -17,11 +24,11 @@ fn main() -> io::Result<()> {
     if let Some(watched) = [&dist, &web].into_iter().find(|folder| folder.is_dir()) {
         println!("cargo::rerun-if-changed={}", watched.display());
     }
-    let mut code = format!("/// Whether the page was built.\npub const IS_BUILT: bool = {built};\n");
+    let mut code = format!("/// Whether the pages were built.\npub const IS_BUILT: bool = {built};\n");
     for (name, file) in FILES {
         let bytes = match (built, file) {
             (true, _) => fs::read(dist.join(file))?,
-            (false, "index.html") => fs::read(own.join("src/missing.html"))?,
+            (false, name) if name.ends_with(".html") => fs::read(own.join("src/missing.html"))?,
             (false, _) => Vec::new(),
         };
         fs::write(out.join(file), bytes)?;

@@ -13,10 +13,11 @@ export class Lost extends Error {}
 export class Api {
   constructor(private token: string, private readonly alive: (alive: boolean) => void) {}
 
-  private async send(path: string, signal?: AbortSignal): Promise<Response> {
+  private async send(path: string, signal?: AbortSignal, more: RequestInit = {}): Promise<Response> {
     let response: Response;
+    const headers = { Authorization: `Bearer ${this.token}`, ...(more.headers as Record<string, string> | undefined) };
     try {
-      response = await fetch(path, { headers: { Authorization: `Bearer ${this.token}` }, signal, cache: 'no-store' });
+      response = await fetch(path, { ...more, headers, signal, cache: 'no-store' });
     } catch (cause) {
       if (signal?.aborted) throw cause;
       this.alive(false);
@@ -34,6 +35,24 @@ export class Api {
 
   async bytes(path: string, signal?: AbortSignal): Promise<ArrayBuffer> {
     return (await this.send(path, signal)).arrayBuffer();
+  }
+
+  /** A document with its version. */
+  async versioned(path: string): Promise<{ bytes: ArrayBuffer; version: string }> {
+    const response = await this.send(path);
+    return { bytes: await response.arrayBuffer(), version: response.headers.get('ETag') ?? '' };
+  }
+
+  /** Puts a document in the place of the version it was made from, or takes it away; its new version. */
+  async change(path: string, version: string, body: BodyInit | null, kind = ''): Promise<string> {
+    const headers = { 'If-Match': version, ...(body === null ? {} : { 'Content-Type': kind }) };
+    const response = await this.send(path, undefined, { method: body === null ? 'DELETE' : 'PUT', headers, body });
+    return response.headers.get('ETag') ?? '';
+  }
+
+  /** The program was started anew, with another token. */
+  renew(token: string): void {
+    this.token = token;
   }
 
   async picture(path: string, signal?: AbortSignal): Promise<ImageBitmap> {

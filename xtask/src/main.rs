@@ -10,7 +10,7 @@ use std::{
 const USAGE: &str =
     "cargo xtask setup    install what the tests use beyond Rust: ffmpeg, python3-openvdb, Chromium, foreign readers in target/python,
                      and build the page
-cargo xtask web      build the page of `strandflow view` into web/dist (needs Node); the next build of the program holds it
+cargo xtask web      build the pages of `strandflow view` and `annotate` into web/dist (needs Node); the next build of the program holds it
 cargo xtask test     setup, then all tests; what could not be installed is skipped and said so";
 
 fn main() -> ExitCode {
@@ -38,7 +38,7 @@ fn setup(strict: bool) -> Result<(), String> {
         ("python3-openvdb (volumes)", openvdb()),
         ("chromium (pages)", chromium()),
         ("alembic3d, numpy, usd-core, zarr (foreign readers)", readers()),
-        ("the page of `strandflow view`", node().and_then(|()| web())),
+        ("the pages of `strandflow view` and `annotate`", node().and_then(|()| web())),
     ] {
         match had {
             Ok(()) => {}
@@ -95,7 +95,8 @@ fn page_is_new(folder: &Path) -> bool {
             Err(_) => fs::metadata(path).and_then(|data| data.modified()).ok(),
         }
     }
-    let built = ["dist/index.html", "dist/app.js", "dist/app.css"].map(|file| folder.join(file));
+    let built = ["index.html", "app.js", "app.css", "annotate.html", "annotate.js", "annotate.css"]
+        .map(|file| folder.join("dist").join(file));
     let oldest = built.iter().map(|file| fs::metadata(file).and_then(|data| data.modified()).ok()).min().flatten();
     folder.join("node_modules").is_dir() && oldest.is_some_and(|built| newest(folder).is_some_and(|made| made < built))
 }

@@ -5,6 +5,7 @@
 mod animate;
 mod animate_groom;
 mod animate_score;
+mod annotate;
 mod args;
 mod bench;
 mod capture_files;
@@ -25,6 +26,7 @@ mod run;
 mod score_table;
 mod scores;
 mod sketched;
+mod serving;
 mod status;
 mod stdout;
 mod synth;
@@ -56,6 +58,7 @@ fn main() -> ExitCode {
         Command::Render(args) => render::render(&args),
         Command::Report(args) => report::report(&args),
         Command::View(args) => view::view(&args),
+        Command::Annotate(args) => annotate::annotate(&args),
         Command::Synth(args) => synth::synth(&args),
         Command::Demo(args) => demo::demo(&args),
         Command::Bench(args) => bench::bench(&args),

@@ -9,7 +9,10 @@ use std::{
     sync::LazyLock,
 };
 
-use common::{assert_bad_input, bytes_below, stderr, strandflow, synthetic, text, viewer::Viewer};
+use common::{
+    assert_bad_input, bytes_below, stderr, strandflow, synthetic, text,
+    viewer::{Viewer, pages},
+};
 use glam::{DVec3, Vec3};
 use serde_json::Value;
 use strandflow_core::{FrameRange, Provenance, StrandSequence};
@@ -527,22 +530,7 @@ fn bad_input_is_told_and_ctrl_c_ends_well() {
 /// The page in a real Chromium, driven by `web/test/view.mjs`; its pictures stay in the target folder.
 #[test]
 fn view_page() {
-    let web = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../web");
-    let chromium = std::env::var("CHROMIUM").unwrap_or("/usr/bin/chromium".into());
-    let node = Command::new("node").arg("--version").output().is_ok_and(|out| out.status.success());
-    let lacking = match () {
-        () if !node => "Node",
-        () if !Path::new(&chromium).is_file() => "Chromium",
-        () if !web.join("node_modules/playwright-core").is_dir() => "web/node_modules (`cargo xtask web`)",
-        () if !strandflow_view::page::IS_BUILT => "the built page (`cargo xtask web`)",
-        () => "",
-    };
-    if !lacking.is_empty() {
-        let must = ["CI", "STRANDFLOW_REQUIRE"].iter().any(|name| std::env::var_os(name).is_some());
-        assert!(!must, "the page cannot be tested without {lacking}");
-        println!("skipped: no {lacking}");
-        return;
-    }
+    let Some(web) = pages() else { return };
     let viewer = with_truth();
     let shots = Path::new(env!("CARGO_TARGET_TMPDIR")).join("view_page");
     let run =

@@ -29,7 +29,7 @@ pub enum Kind {
     FrameChained,
     /// One a view and frame, independent.
     ViewFrame,
-    /// One a view and frame; each needs the frame before it in the same view.
+    /// One a view and frame; each needs a neighbouring frame in the same view.
     ViewFrameChained,
     /// One a block of strands.
     Block,

@@ -21,6 +21,7 @@ use crate::{
     status::status_before,
     store::{Failure, Record, Writer},
     table::{Job, Phase, STAGES, Stage},
+    take::RUN_LOG,
 };
 
 /// Which stages to run, and how wide.
@@ -312,7 +313,7 @@ struct Log(Mutex<std::fs::File>);
 
 impl Log {
     fn open(take: &Take) -> Result<Self, EngineError> {
-        let path = take.root().join("run.log");
+        let path = take.root().join(RUN_LOG);
         let file = std::fs::OpenOptions::new().create(true).append(true).open(&path);
         Ok(Self(Mutex::new(file.map_err(|error| EngineError::disk(&path, error))?)))
     }

@@ -7,7 +7,7 @@ use std::{
 };
 
 use strandflow_core::{FrameRange, ImageSource, Mask, RgbImage, Rig};
-use strandflow_io::{IoError, TakeSource, ViewInput};
+use strandflow_io::{IoError, LabelledMarker, TakeSource, ViewInput};
 
 use crate::{
     EngineError, Manifest, Views,
@@ -60,10 +60,11 @@ impl Sources {
         let frames = frames_of(manifest, &images, &files, rig)?;
         let plates: Vec<PathBuf> = manifest.views.iter().map(|view| root.join(&view.plate)).collect();
         for (view, plate) in names.iter().zip(&plates) {
-            must_exist(plate, view, "clean plate")?;
+            must_exist(plate, view, "clean plate", "check the path in the manifest")?;
         }
         let labels = root.join(&manifest.labels.markers);
-        must_exist(&labels, "all", "file of marker labels")?;
+        let hint = "label markers with `strandflow annotate TAKE`, or check the path in the manifest";
+        must_exist(&labels, "all", "file of marker labels", hint)?;
         let hairs = masks_in(&root.join(&manifest.labels.hair_masks), &names)?;
         let subjects = match &manifest.labels.subject_masks {
             Some(folder) => masks_in(&root.join(folder), &names)?,
@@ -72,6 +73,7 @@ impl Sources {
         let sources = Self { images, files, names, plates, labels, hairs, subjects, frames };
         // Labels are read again by the stage; looked at now, so that hours of masks do not come before the error.
         sources.labels(views.rig(), frames.start)?;
+        sources.corrections(views.rig())?;
         sources.must_begin_with_hair(frames.start)?;
         Ok(sources)
     }
@@ -130,8 +132,36 @@ impl Sources {
                 "label the markers in the take's first frame, or begin the take there",
             ));
         }
+        let found = self.in_views(labels.markers, first, rig)?;
+        let usable = found.iter().filter(|(_, views)| views.len() >= 2).count();
+        if usable < 5 {
+            let fact =
+                format!("frame {first}: {usable} markers are labelled in two or more views, at least 5 are needed");
+            return Err(EngineError::input(name, fact, "label more markers, each in every view that sees it"));
+        }
+        Ok(found)
+    }
+
+    /// Corrections of markers in other frames, by frame.
+    ///
+    /// # Errors
+    /// `Input` where the file cannot be read or a point is outside its view.
+    pub fn corrections(&self, rig: &Rig) -> Result<BTreeMap<usize, Vec<NumberedMarker>>, EngineError> {
+        let labels = strandflow_io::read_marker_labels(&self.labels)?;
+        let of_frame = |(frame, markers)| Ok((frame, self.in_views(markers, frame, rig)?));
+        labels.corrections.into_iter().map(of_frame).collect()
+    }
+
+    /// Markers by the index of the view, each within its image.
+    fn in_views(
+        &self,
+        markers: Vec<LabelledMarker>,
+        frame: usize,
+        rig: &Rig,
+    ) -> Result<Vec<NumberedMarker>, EngineError> {
+        let name = self.labels.display();
         let mut found = Vec::new();
-        for marker in labels.markers {
+        for marker in markers {
             let mut views = BTreeMap::new();
             for (view, point) in marker.views {
                 // Labels of views that the take leaves out are of no use, and of no harm.
@@ -142,17 +172,11 @@ impl Sources {
                     let fact = format!("marker {} is at {point:?}, outside the image of {size} pixels", marker.id);
                     let hint =
                         "label it where the view shows it, in pixels of the footage; leave out views that do not";
-                    return Err(EngineError::input(format!("{name}, view {view}, frame {first}"), fact, hint));
+                    return Err(EngineError::input(format!("{name}, view {view}, frame {frame}"), fact, hint));
                 }
                 views.insert(at, point);
             }
             found.push((marker.id, views));
-        }
-        let usable = found.iter().filter(|(_, views)| views.len() >= 2).count();
-        if usable < 5 {
-            let fact =
-                format!("frame {first}: {usable} markers are labelled in two or more views, at least 5 are needed");
-            return Err(EngineError::input(name, fact, "label more markers, each in every view that sees it"));
         }
         Ok(found)
     }
@@ -163,7 +187,10 @@ impl Sources {
             Some(view) => Err(EngineError::input(
                 format!("view {}, frame {first}", self.names[view]),
                 "there is no hair mask of the take's first frame",
-                format!("paint one and save it as {}/{first:06}.png in the folder of hair masks", self.names[view]),
+                format!(
+                    "paint one with `strandflow annotate TAKE`, or save it as {}/{first:06}.png in the folder of hair masks",
+                    self.names[view]
+                ),
             )),
         }
     }
@@ -274,19 +301,20 @@ fn in_image(point: [f64; 2], size: [usize; 2]) -> bool {
     point.iter().zip(size).all(|(x, side)| (0.0..=side as f64).contains(x))
 }
 
-fn must_exist(path: &Path, view: &str, what: &str) -> Result<(), EngineError> {
+fn must_exist(path: &Path, view: &str, what: &str, hint: &str) -> Result<(), EngineError> {
     if path.is_file() {
         return Ok(());
     }
     let subject = format!("{}, view {view}", path.display());
-    Err(EngineError::input(subject, format!("the {what} is not there"), "check the path in the manifest"))
+    Err(EngineError::input(subject, format!("the {what} is not there"), hint))
 }
 
 /// Masks of a folder `VIEW/FRAME.png`, by frame, one map a view.
 fn masks_in(folder: &Path, names: &[String]) -> Result<Vec<BTreeMap<usize, PathBuf>>, EngineError> {
     if !folder.is_dir() {
         let subject = folder.display().to_string();
-        return Err(EngineError::input(subject, "the folder of masks is not there", "check the path in the manifest"));
+        let hint = "paint masks with `strandflow annotate TAKE`, or check the path in the manifest";
+        return Err(EngineError::input(subject, "the folder of masks is not there", hint));
     }
     names.iter().map(|name| numbered_images(&folder.join(name))).collect()
 }

@@ -100,7 +100,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "pose",
         summary: "marker tracks and head poses",
-        version: 1,
+        version: 2,
         has_modes: true,
         settings: settings_of!(pose),
         phases: &[phase!("pose/pose", Take, Lead, rooms::pose)],
@@ -252,7 +252,10 @@ impl Phase {
             Kind::Frame => frames.map(|t| vec![Item::Frame(t)]).collect(),
             Kind::FrameChained => vec![frames.map(Item::Frame).collect()],
             Kind::ViewFrame => views.flat_map(|v| frames.clone().map(move |t| vec![Item::ViewFrame(v, t)])).collect(),
-            Kind::ViewFrameChained => views.map(|v| frames.clone().map(|t| Item::ViewFrame(v, t)).collect()).collect(),
+            Kind::ViewFrameChained => {
+                let chain = |v| rooms::masks::in_order(job, v).into_iter().map(|t| Item::ViewFrame(v, t)).collect();
+                views.map(chain).collect()
+            }
             Kind::Block => (0..job.take.block_count()?).map(|b| vec![Item::Block(b)]).collect(),
         })
     }

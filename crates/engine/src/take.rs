@@ -13,6 +13,8 @@ use crate::{
 
 /// Name of the results store within a take.
 pub const RESULTS: &str = "results.zarr";
+/// Name of the log of runs within a take: one line of JSON an event.
+pub const RUN_LOG: &str = "run.log";
 /// Name of the resolved plan within a take.
 pub const RESOLVED: &str = "resolved.toml";
 

@@ -108,13 +108,24 @@ pub fn write_mask_png(path: &Path, mask: &Mask) -> Result<(), IoError> {
     write_png(path, mask.width, mask.height, &mask.data, image::ExtendedColorType::L8)
 }
 
+/// The bytes of an 8-bit grey PNG.
+///
+/// # Errors
+/// The mask has no pixels.
+pub fn mask_png(mask: &Mask) -> Result<Vec<u8>, image::ImageError> {
+    encoded(mask.width, mask.height, &mask.data, image::ExtendedColorType::L8)
+}
+
 fn write_png(path: &Path, w: usize, h: usize, bytes: &[u8], colour: image::ExtendedColorType) -> Result<(), IoError> {
+    let encoded = encoded(w, h, bytes, colour).map_err(|cause| IoError::writing(path)(std::io::Error::other(cause)))?;
+    write_bytes(path, &encoded)
+}
+
+fn encoded(w: usize, h: usize, bytes: &[u8], colour: image::ExtendedColorType) -> Result<Vec<u8>, image::ImageError> {
     use image::ImageEncoder;
     let mut encoded = Vec::new();
-    image::codecs::png::PngEncoder::new(&mut encoded)
-        .write_image(bytes, w as u32, h as u32, colour)
-        .map_err(|cause| IoError::writing(path)(std::io::Error::other(cause)))?;
-    write_bytes(path, &encoded)
+    image::codecs::png::PngEncoder::new(&mut encoded).write_image(bytes, w as u32, h as u32, colour)?;
+    Ok(encoded)
 }
 
 /// The images directly inside a folder, by name.

@@ -26,9 +26,9 @@ pub struct MasksInput<'a> {
     pub given_subject: Option<&'a Mask>,
     /// A hair mask given by the user for this frame (a key frame).
     pub given_hair: Option<&'a Mask>,
-    /// The frame before, unless this is the first.
-    pub previous: Option<PreviousFrame<'a>>,
-    /// The given hair mask of the latest key frame at or before this frame.
+    /// The next frame towards the key frame, unless this is the key frame.
+    pub neighbour: Option<NeighbourFrame<'a>>,
+    /// The given hair mask of the nearest key frame.
     pub key: Option<&'a Mask>,
     /// What hair looks like in this view (robust mode).
     pub look: Option<&'a HairLook>,
@@ -36,8 +36,8 @@ pub struct MasksInput<'a> {
     pub edge: Option<&'a HairEdge>,
 }
 
-/// The frame before and what was found there.
-pub struct PreviousFrame<'a> {
+/// A frame before or after, and what was found there.
+pub struct NeighbourFrame<'a> {
     /// Its image.
     pub image: &'a RgbImage,
     /// Its masks.
@@ -131,7 +131,7 @@ pub fn masks(
     let halvings = if look.is_some() { 2 } else { 1 };
     let expected = input.given_hair.cloned().or_else(|| carried_hair(input, &matte, bounds, halvings));
     let Some(expected) = expected.or_else(|| input.key.cloned()) else {
-        report.warn(input.place.clone(), "no hair mask at or before this frame", "hair mask is empty");
+        report.warn(input.place.clone(), "no hair mask of any frame of this view", "hair mask is empty");
         return Ok(Masks { subject: matte, hair: empty(input.image) });
     };
     let matte = match input.given_subject {
@@ -174,14 +174,14 @@ fn within(mask: &Mask, subject: &Mask) -> Mask {
     Plane { data: mask.data.iter().zip(&subject.data).map(|(&a, &b)| a.min(b)).collect(), ..*mask }
 }
 
-/// The hair mask of the frame before, carried along the flow from this frame to that one.
+/// The hair mask of the neighbouring frame, carried along the flow from this frame to that one.
 fn carried_hair(input: &MasksInput, subject: &Mask, bounds: Region, halvings: usize) -> Option<Mask> {
-    let previous = input.previous.as_ref()?;
-    let before = Region::bounding(&previous.masks.subject, |&m| m >= 128)?;
+    let neighbour = input.neighbour.as_ref()?;
+    let there = Region::bounding(&neighbour.masks.subject, |&m| m >= 128)?;
     let (width, height) = (input.image.width, input.image.height);
-    let region = bounds.union(&before).grown(16, width, height);
-    let back = flow_of_region(input.image, previous.image, region, halvings);
-    let hair = region.crop(&previous.masks.hair, |&m| f32::from(m));
+    let region = bounds.union(&there).grown(16, width, height);
+    let back = flow_of_region(input.image, neighbour.image, region, halvings);
+    let hair = region.crop(&neighbour.masks.hair, |&m| f32::from(m));
     let moved = strandflow_image::flow::warped(&hair, &back);
     let mut mask = Plane::filled(subject.width, subject.height, 0u8);
     region.paste(&moved.map(|m| m.round() as u8), &mut mask);
@@ -227,7 +227,7 @@ fn check_sizes(input: &MasksInput) -> Result<(), StageError> {
     others.extend(input.given_subject.map(|m| ("given subject mask", mask_size(m))));
     others.extend(input.given_hair.map(|m| ("given hair mask", mask_size(m))));
     others.extend(input.key.map(|m| ("hair mask of the key frame", mask_size(m))));
-    others.extend(input.previous.as_ref().map(|p| ("frame before", (p.image.width, p.image.height))));
+    others.extend(input.neighbour.as_ref().map(|n| ("neighbouring frame", (n.image.width, n.image.height))));
     match others.into_iter().find(|(_, other)| *other != size) {
         None => Ok(()),
         Some((what, (w, h))) => Err(StageError::Input {

@@ -132,7 +132,7 @@ fn masked(subject: impl Fn(usize, usize) -> bool, hair: impl Fn(usize, usize) ->
         plate: &plate,
         given_subject: None,
         given_hair: None,
-        previous: None,
+        neighbour: None,
         key: Some(&key),
         look: None,
         edge: None,

@@ -112,7 +112,7 @@ fn hair_is_carried_over_five_frames_from_the_first_mask() {
                 plate: &plate,
                 given_subject: None,
                 given_hair: (t == 0).then_some(&key_hair),
-                previous: before.as_ref().map(|(image, masks)| masks::PreviousFrame { image, masks }),
+                neighbour: before.as_ref().map(|(image, masks)| masks::NeighbourFrame { image, masks }),
                 key: Some(&key_hair),
                 look: Some(&look),
                 edge: Some(&edge),
@@ -171,7 +171,7 @@ fn a_fringe_is_thinned_where_the_wall_is_behind_it_and_not_where_skin_is() {
             plate: &plate,
             given_subject: None,
             given_hair: None,
-            previous: None,
+            neighbour: None,
             key: Some(&key_hair),
             look: Some(&look),
             edge: Some(&edge),
@@ -217,69 +217,134 @@ impl ImageSource for Takes {
     }
 }
 
-fn pose_at(t: usize) -> RigidTransform {
-    let angle = 0.012 * (t * t) as f64;
-    RigidTransform { rotation: DMat3::from_rotation_y(angle), translation: DVec3::new(1.5 * t as f64, -0.5, 0.0) }
+const IN_FRONT: &str = "the balls are before all cameras";
+
+/// A head of seven balls before three cameras, six frames of it.
+struct Balls {
+    rig: Rig,
+    balls: Vec<DVec3>,
+    pose_at: fn(usize) -> RigidTransform,
+    source: Takes,
+}
+
+impl Balls {
+    fn moving(pose_at: fn(usize) -> RigidTransform) -> Self {
+        let camera = |i: usize| Camera {
+            name: format!("c{i}"),
+            width: 200,
+            height: 160,
+            focal: [700.0; 2],
+            principal: [100.0, 80.0],
+            distortion: Distortion::None,
+            camera_from_world: RigidTransform {
+                rotation: DMat3::from_rotation_y(0.5 * i as f64 - 0.5),
+                translation: DVec3::new(0.0, 0.0, 900.0),
+            },
+        };
+        let rig = Rig { cameras: (0..3).map(camera).collect() };
+        let ball = |i: i32| {
+            DVec3::new(-75.0 + 25.0 * f64::from(i), if i % 2 == 0 { -45.0 } else { 30.0 }, f64::from(i * i % 5) * 12.0)
+        };
+        let balls: Vec<DVec3> = (0..7).map(ball).collect();
+        let colours = [[230.0, 40.0, 40.0], [40.0, 200.0, 60.0], [50.0, 70.0, 230.0], [230.0, 210.0, 40.0]];
+        let mut noise = Noise(3);
+        let mut shot = |t: usize, view: usize| {
+            let seen: Vec<_> =
+                balls.iter().map(|b| project(&rig.cameras[view], pose_at(t).point(*b)).expect(IN_FRONT)).collect();
+            Arc::new(Plane::from_fn(200, 160, |x, y| {
+                let mut colour = [110.0, 90.0, 70.0];
+                for (i, p) in seen.iter().enumerate() {
+                    let a = (5.0 - DVec2::new(x as f64 + 0.5, y as f64 + 0.5).distance(*p)).clamp(0.0, 1.0);
+                    (0..3).for_each(|c| colour[c] += a * (colours[i % 4][c] - colour[c]));
+                }
+                colour.map(|c| (c + noise.next()).clamp(0.0, 255.0) as u8)
+            }))
+        };
+        let images = (0..6).map(|t| (0..3).map(|view| shot(t, view)).collect()).collect();
+        Self { rig, balls, pose_at, source: Takes { images } }
+    }
+
+    /// Labels of the first balls in the first views of a frame.
+    fn labels(&self, t: usize, balls: usize, views: usize) -> Vec<pose::MarkerLabel> {
+        let label = |(i, b): (usize, &DVec3)| {
+            let seen = self.rig.cameras[..views].iter().enumerate();
+            let views = seen.map(|(v, c)| (v, project(c, (self.pose_at)(t).point(*b)).expect(IN_FRONT))).collect();
+            pose::MarkerLabel { id: i as u32, views }
+        };
+        self.balls[..balls].iter().enumerate().map(label).collect()
+    }
+
+    fn poses(
+        &self,
+        labels: &[pose::MarkerLabel],
+        corrections: &BTreeMap<usize, Vec<pose::MarkerLabel>>,
+        mode: Mode,
+        settings: &pose::PoseSettings,
+    ) -> Result<pose::HeadPoses, StageError> {
+        let frames = FrameRange { start: 0, end: 6 };
+        let input = pose::PoseInput { rig: &self.rig, images: &self.source, frames, labels, corrections };
+        pose::pose(&input, mode, settings, &mut Report::default())
+    }
+
+    /// How far a pose is off \[degrees, mm\].
+    fn off(&self, found: &pose::HeadPoses, t: usize) -> (f64, f64) {
+        let truth = (self.pose_at)(t).after(&(self.pose_at)(0).inverse());
+        let turn = found.world_from_head[t].inverse().after(&truth).angle().to_degrees();
+        (turn, found.world_from_head[t].point(DVec3::ZERO).distance(truth.point(DVec3::ZERO)))
+    }
 }
 
 #[test]
 fn a_turning_head_is_followed_by_its_balls() {
-    let camera = |i: usize| Camera {
-        name: format!("c{i}"),
-        width: 200,
-        height: 160,
-        focal: [700.0; 2],
-        principal: [100.0, 80.0],
-        distortion: Distortion::None,
-        camera_from_world: RigidTransform {
-            rotation: DMat3::from_rotation_y(0.5 * i as f64 - 0.5),
-            translation: DVec3::new(0.0, 0.0, 900.0),
-        },
-    };
-    let rig = Rig { cameras: (0..3).map(camera).collect() };
-    let balls: Vec<DVec3> = (0..7)
-        .map(|i| {
-            DVec3::new(-75.0 + 25.0 * f64::from(i), if i % 2 == 0 { -45.0 } else { 30.0 }, f64::from(i * i % 5) * 12.0)
-        })
-        .collect();
-    let colours = [[230.0, 40.0, 40.0], [40.0, 200.0, 60.0], [50.0, 70.0, 230.0], [230.0, 210.0, 40.0]];
-    let mut noise = Noise(3);
-    let mut shot = |t: usize, view: usize| {
-        let seen: Vec<_> = balls.iter().map(|b| project(&rig.cameras[view], pose_at(t).point(*b)).unwrap()).collect();
-        Arc::new(Plane::from_fn(200, 160, |x, y| {
-            let mut colour = [110.0, 90.0, 70.0];
-            for (i, p) in seen.iter().enumerate() {
-                let a = (5.0 - DVec2::new(x as f64 + 0.5, y as f64 + 0.5).distance(*p)).clamp(0.0, 1.0);
-                (0..3).for_each(|c| colour[c] += a * (colours[i % 4][c] - colour[c]));
-            }
-            colour.map(|c| (c + noise.next()).clamp(0.0, 255.0) as u8)
-        }))
-    };
-    let images = (0..6).map(|t| (0..3).map(|view| shot(t, view)).collect()).collect();
-    let labels: Vec<pose::MarkerLabel> = balls
-        .iter()
-        .enumerate()
-        .map(|(i, b)| {
-            let views = rig.cameras.iter().enumerate().map(|(v, c)| (v, project(c, *b).unwrap()));
-            let views: BTreeMap<usize, DVec2> = views.collect();
-            pose::MarkerLabel { id: i as u32, views }
-        })
-        .collect();
-    let source = Takes { images };
-    let input =
-        |labels| pose::PoseInput { rig: &rig, images: &source, frames: FrameRange { start: 0, end: 6 }, labels };
-    let settings = pose::PoseSettings::default();
+    let scene = Balls::moving(|t| {
+        let angle = 0.012 * (t * t) as f64;
+        RigidTransform { rotation: DMat3::from_rotation_y(angle), translation: DVec3::new(1.5 * t as f64, -0.5, 0.0) }
+    });
+    let (labels, none, settings) = (scene.labels(0, 7, 3), BTreeMap::new(), pose::PoseSettings::default());
     for (mode, degrees) in [(Mode::Robust, 0.15), (Mode::Paper, 3.0)] {
-        let found = pose::pose(&input(&labels), mode, &settings, &mut Report::default()).unwrap();
-        let first = pose_at(0).inverse();
+        let found = scene.poses(&labels, &none, mode, &settings).unwrap();
         for t in 0..6 {
-            let truth = pose_at(t).after(&first);
-            let turn = found.world_from_head[t].inverse().after(&truth).angle().to_degrees();
-            let shift = found.world_from_head[t].point(DVec3::ZERO).distance(truth.point(DVec3::ZERO));
+            let (turn, shift) = scene.off(&found, t);
             println!("{mode:?} frame {t}: {turn:.3} degrees, {shift:.3} mm");
             assert!(turn < degrees && shift < 5.0 * degrees, "{mode:?} frame {t}: {turn}, {shift}");
         }
     }
-    let error = pose::pose(&input(&labels[..4]), Mode::Robust, &settings, &mut Report::default());
+    let error = scene.poses(&labels[..4], &none, Mode::Robust, &settings);
     assert!(matches!(error, Err(StageError::Input { .. })));
+}
+
+/// The head jumps between frames 2 and 3, further than markers are searched; the labels of frame 4 bring frames 3 to 5 back.
+#[test]
+fn a_correction_holds_forward_and_backward() {
+    let scene = Balls::moving(|t| {
+        let jump = if t < 3 { 0.0 } else { 26.0 };
+        let translation = DVec3::new(jump + 0.5 * t as f64, 0.3 * jump, 0.0);
+        RigidTransform { rotation: DMat3::from_rotation_y(0.004 * t as f64 + 0.004 * jump), translation }
+    });
+    let labels = scene.labels(0, 7, 3);
+    let settings = pose::PoseSettings { search_px: 4.0, ..pose::PoseSettings::default() };
+    let lost = scene.poses(&labels, &BTreeMap::new(), Mode::Robust, &settings).unwrap();
+    assert!((3..6).all(|t| scene.off(&lost, t).1 > 10.0), "{:?}", [3, 4, 5].map(|t| scene.off(&lost, t)));
+    // Numbers that were not labelled in the first frame, and frames outside the take, change nothing.
+    let mut corrections = BTreeMap::from([(4, scene.labels(4, 5, 2)), (9, scene.labels(4, 5, 2))]);
+    corrections.get_mut(&4).unwrap().push(pose::MarkerLabel { id: 77, views: BTreeMap::new() });
+    for (mode, degrees) in [(Mode::Robust, 0.15), (Mode::Paper, 3.0)] {
+        let found = scene.poses(&labels, &corrections, mode, &settings).unwrap();
+        for t in 0..6 {
+            let (turn, shift) = scene.off(&found, t);
+            println!("{mode:?} frame {t}: {turn:.3} degrees, {shift:.3} mm, {} markers", found.used[t]);
+            assert!(turn < degrees && shift < 5.0 * degrees && !found.interpolated[t], "{mode:?} frame {t}");
+        }
+        let at = found.tracks[4][0][2].unwrap();
+        assert!(at.distance(corrections[&4][2].views[&0]) < 0.6, "a labelled point stays");
+    }
+    // A label that contradicts all others is told, and moves the pose little.
+    corrections.get_mut(&4).unwrap()[0].views.insert(1, DVec2::new(20.0, 20.0));
+    let frames = FrameRange { start: 0, end: 6 };
+    let input =
+        pose::PoseInput { rig: &scene.rig, images: &scene.source, frames, labels: &labels, corrections: &corrections };
+    let mut report = Report::default();
+    let found = pose::pose(&input, Mode::Robust, &settings, &mut report).unwrap();
+    assert!(report.findings.iter().any(|f| f.fact.contains("marker 0 is")), "{:?}", report.findings);
+    assert!(scene.off(&found, 4).1 < 1.0, "{:?}", scene.off(&found, 4));
 }

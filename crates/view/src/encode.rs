@@ -1,7 +1,7 @@
 //! Binary bodies: four little-endian u32, then numbers.
 
 use glam::Vec3;
-use strandflow_core::TriMesh;
+use strandflow_core::{Mask, TriMesh};
 
 /// First word of every body.
 pub const MAGIC: u32 = 0x5346_5331;
@@ -60,6 +60,13 @@ pub fn mesh(mesh: &TriMesh) -> Vec<u8> {
     let mut out = body([word(vertices), word(faces), 0], (vertices + faces) * 12);
     mesh.vertices.iter().for_each(|v| v.as_vec3().to_array().iter().for_each(|x| out.extend(x.to_le_bytes())));
     mesh.faces.iter().flatten().for_each(|corner| out.extend(corner.to_le_bytes()));
+    out
+}
+
+/// A mask: width, height and a number that says where it comes from, then its coverage.
+pub fn mask(mask: &Mask, origin: u32) -> Vec<u8> {
+    let mut out = body([word(mask.width), word(mask.height), origin], mask.data.len());
+    out.extend(&mask.data);
     out
 }
 
@@ -123,5 +130,7 @@ mod tests {
         assert_eq!(floats(&bytes[16 + 12..16 + 24]), [1.0, 0.0, 0.0]);
         assert_eq!(words(&rows(&[[0.0f32; 7]; 2])), [MAGIC, 2, 0, 0]);
         assert_eq!(words(&values(3, 2, &[0.0; 12])), [MAGIC, 2, 3, 32]);
+        let bytes = mask(&Mask::filled(3, 2, 7), 1);
+        assert_eq!((words(&bytes), &bytes[16..]), ([MAGIC, 3, 2, 1], &[7u8; 6][..]));
     }
 }

@@ -16,6 +16,11 @@ pub fn is_loopback(host: &str) -> bool {
     (name.eq_ignore_ascii_case("localhost") || name == "127.0.0.1") && tail_is_port && port_is_number
 }
 
+/// Whether an `Origin` header names the page that the `Host` header names. Browsers send it with every request that writes.
+pub fn is_own_origin(origin: &str, host: &str) -> bool {
+    origin.strip_prefix("http://").is_some_and(|own| own.eq_ignore_ascii_case(host))
+}
+
 /// Whether the headers carry `Authorization: Bearer T`.
 pub fn bears(headers: &HeaderMap, token: &Token) -> bool {
     let given = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
@@ -52,6 +57,14 @@ mod tests {
         let bad =
             ["", "example.org", "example.org:8470", "127.0.0.1.example.org", "127.0.0.2", "localhost:x", "[::1]x"];
         bad.iter().for_each(|bad| assert!(!is_loopback(bad), "{bad}"));
+    }
+
+    #[test]
+    fn other_pages_are_other_origins() {
+        assert!(is_own_origin("http://localhost:9", "localhost:9") && is_own_origin("http://[::1]:9", "[::1]:9"));
+        for other in ["null", "", "https://localhost:9", "http://localhost:8", "http://evil.example", "localhost:9"] {
+            assert!(!is_own_origin(other, "localhost:9"), "{other}");
+        }
     }
 
     #[test]

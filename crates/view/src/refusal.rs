@@ -7,7 +7,11 @@ pub enum Kind {
     Bad,
     /// What is asked for is not there (404).
     Missing,
-    /// It is there, and cannot be read (500).
+    /// It was changed meanwhile (409).
+    Changed,
+    /// More was sent than is taken (413).
+    TooLarge,
+    /// It is there, and cannot be read or written (500).
     Broken,
 }
 
@@ -34,7 +38,17 @@ impl Refusal {
         Self { kind: Kind::Missing, error: error.into(), hint: hint.into() }
     }
 
-    /// Something that is there and cannot be read.
+    /// Something that was changed meanwhile.
+    pub fn changed(error: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self { kind: Kind::Changed, error: error.into(), hint: hint.into() }
+    }
+
+    /// Something too large.
+    pub fn too_large(error: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self { kind: Kind::TooLarge, error: error.into(), hint: hint.into() }
+    }
+
+    /// Something that is there and cannot be read or written.
     pub fn broken(error: impl Into<String>, hint: impl Into<String>) -> Self {
         Self { kind: Kind::Broken, error: error.into(), hint: hint.into() }
     }
@@ -44,6 +58,8 @@ impl Refusal {
         match self.kind {
             Kind::Bad => 400,
             Kind::Missing => 404,
+            Kind::Changed => 409,
+            Kind::TooLarge => 413,
             Kind::Broken => 500,
         }
     }

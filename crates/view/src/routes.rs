@@ -1,24 +1,20 @@
 //! Requests to answers.
 
-use std::sync::{
-    Arc,
-    atomic::{AtomicBool, Ordering},
-};
+use std::sync::Arc;
 
 use axum::{
     Router,
-    body::Body,
-    extract::{Path, RawQuery, Request, State},
-    http::{HeaderValue, StatusCode, header},
-    middleware::{Next, from_fn_with_state},
+    extract::{Path, RawQuery, State},
+    http::StatusCode,
+    middleware::from_fn_with_state,
     response::Response,
     routing::get,
 };
 
 use crate::{
     Answers, Picture, Refusal, Token, encode,
-    guard::{bears, is_loopback, security_headers},
-    page,
+    http::{BINARY, Gate, JSON, answer, file, guarded, in_background, to_json, told},
+    page::VIEW,
     pictures::encoded,
     selection::{Query, number_in_path},
 };
@@ -26,17 +22,15 @@ use crate::{
 /// What all requests share.
 pub(crate) struct Shared {
     pub answers: Box<dyn Answers>,
-    pub token: Token,
 }
 
 type Served = State<Arc<Shared>>;
 type Reply = Result<(&'static str, Vec<u8>), Refusal>;
 
-const BINARY: &str = "application/octet-stream";
-const JSON: &str = "application/json";
-
 /// All routes behind the guard.
-pub(crate) fn router(shared: Arc<Shared>) -> Router {
+pub(crate) fn router(answers: Box<dyn Answers>, token: Token) -> Router {
+    let shared = Arc::new(Shared { answers });
+    let gate = Arc::new(Gate { token, command: "strandflow view", refused: None });
     let api = Router::new()
         .route("/take", get(take))
         .route("/strands/{*what}", get(strands))
@@ -51,94 +45,29 @@ pub(crate) fn router(shared: Arc<Shared>) -> Router {
         .route("/lines/{frame}", get(lines))
         .route("/arrows/{frame}", get(arrows));
     Router::new()
-        .route("/", get(async || file(page::index())))
-        .route("/app.js", get(async || file(page::script())))
-        .route("/app.css", get(async || file(page::style())))
+        .route("/", get(async || file(VIEW.index)))
+        .route("/app.js", get(async || file(VIEW.script)))
+        .route("/app.css", get(async || file(VIEW.style)))
         .route("/favicon.ico", get(async || answer(StatusCode::NO_CONTENT, "image/x-icon", Vec::new())))
         .nest("/api", api)
         .fallback(async || told(StatusCode::NOT_FOUND, "there is no such address", "docs/view.md has the protocol"))
         .method_not_allowed_fallback(async || {
             told(StatusCode::METHOD_NOT_ALLOWED, "the viewer only reads", "ask with GET")
         })
-        .layer(from_fn_with_state(shared.clone(), guarded))
+        .layer(from_fn_with_state(gate, guarded))
         .with_state(shared)
 }
 
-/// Lets through what comes from this machine and carries the token; adds the headers of every answer.
-async fn guarded(State(shared): Served, request: Request, next: Next) -> Response {
-    let mut response = match refused(&shared.token, &request) {
-        Some(response) => response,
-        None => next.run(request).await,
-    };
-    response.headers_mut().extend(security_headers().map(|(name, value)| (Some(name), value)));
-    response
-}
-
-fn refused(token: &Token, request: &Request) -> Option<Response> {
-    let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());
-    if !host.is_some_and(is_loopback) {
-        let fact = "the host of the request is not this machine";
-        return Some(told(StatusCode::FORBIDDEN, fact, "open the address that `strandflow view` printed"));
-    }
-    // The page itself holds no data, and is loaded again without the token that it took out of its address.
-    let page = ["/", "/app.js", "/app.css", "/favicon.ico"].contains(&request.uri().path());
-    let hint = "open the address that `strandflow view` printed, whole";
-    (!page && !bears(request.headers(), token))
-        .then(|| told(StatusCode::UNAUTHORIZED, "the token is missing or another one", hint))
-}
-
-fn answer(status: StatusCode, kind: &'static str, bytes: impl Into<Body>) -> Response {
-    let mut response = Response::new(bytes.into());
-    *response.status_mut() = status;
-    response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
-    response
-}
-
-fn file(file: page::File) -> Response {
-    answer(StatusCode::OK, file.kind, file.bytes)
-}
-
-fn told(status: StatusCode, error: &str, hint: &str) -> Response {
-    answer(status, JSON, serde_json::json!({ "error": error, "hint": hint }).to_string())
-}
-
-/// Notes when nobody waits for an answer any more: a browser that scrubs gives requests up, and those that did not begin must
-/// not be in the way of the ones it wants.
-#[derive(Default)]
-struct Asked(Arc<AtomicBool>);
-
-impl Drop for Asked {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-}
-
-fn nobody_waits() -> Refusal {
-    Refusal::bad("the request was given up", "ask again")
-}
-
-/// Runs what may read and compute on a thread of its own, so that other requests go on.
+/// Answers on a thread of its own.
 async fn work(shared: Arc<Shared>, job: impl FnOnce(&dyn Answers) -> Reply + Send + 'static) -> Response {
-    let asked = Asked::default();
-    let gone = asked.0.clone();
-    let begin = move || if gone.load(Ordering::Relaxed) { Err(nobody_waits()) } else { job(&*shared.answers) };
-    match tokio::task::spawn_blocking(begin).await {
-        Ok(Ok((kind, bytes))) => answer(StatusCode::OK, kind, bytes),
-        Ok(Err(refusal)) => {
-            let status = StatusCode::from_u16(refusal.status()).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-            told(status, &refusal.error, &refusal.hint)
-        }
-        Err(_) => {
-            let hint = "the terminal of `strandflow view` says more; please report it";
-            told(StatusCode::INTERNAL_SERVER_ERROR, "the program failed on this request", hint)
-        }
+    match in_background("strandflow view", move || job(&*shared.answers)).await {
+        Ok((kind, bytes)) => answer(StatusCode::OK, kind, bytes),
+        Err(response) => response,
     }
 }
 
 fn json(value: &impl serde::Serialize) -> Reply {
-    let bytes = serde_json::to_vec(value);
-    let bytes = bytes.map_err(|error| Refusal::broken(format!("JSON: {error}"), "please report it"))?;
-    Ok((JSON, bytes))
+    Ok((JSON, to_json(value)?))
 }
 
 /// A query without any values.

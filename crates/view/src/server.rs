@@ -3,16 +3,12 @@
 use std::{
     io,
     net::{Ipv4Addr, SocketAddr, TcpListener},
-    sync::Arc,
     time::Duration,
 };
 
 use tokio::sync::watch;
 
-use crate::{
-    Answers, Token,
-    routes::{Shared, router},
-};
+use crate::{Answers, Desk, Token, desk_routes, routes};
 
 /// Time that requests in work get at the end.
 const LAST_WORK: Duration = Duration::from_secs(2);
@@ -63,18 +59,32 @@ impl Server {
         Stop(self.stop.clone())
     }
 
-    /// Answers until it is stopped. At most `threads` requests are worked on at once; others wait.
+    /// Answers the page of `strandflow view` until it is stopped. At most `threads` requests are worked on at once; others
+    /// wait.
     ///
     /// # Errors
     /// The system gives no threads or sockets.
     pub fn run(self, answers: Box<dyn Answers>, threads: usize) -> io::Result<()> {
+        let router = routes::router(answers, self.token.clone());
+        self.serve(router, threads)
+    }
+
+    /// The same for the page of `strandflow annotate`.
+    ///
+    /// # Errors
+    /// As [`Server::run`].
+    pub fn run_desk(self, desk: Box<dyn Desk>, threads: usize) -> io::Result<()> {
+        let router = desk_routes::router(desk, self.token.clone());
+        self.serve(router, threads)
+    }
+
+    fn serve(self, router: axum::Router, threads: usize) -> io::Result<()> {
         // One thread moves bytes; what reads and computes has its own.
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_io()
             .enable_time()
             .max_blocking_threads(threads.max(1))
             .build()?;
-        let router = router(Arc::new(Shared { answers, token: self.token }));
         let mut stopped = self.stop.subscribe();
         let ended = runtime.block_on(async move {
             let listener = tokio::net::TcpListener::from_std(self.listener)?;

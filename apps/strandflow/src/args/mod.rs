@@ -3,6 +3,7 @@
 use clap::{Parser, Subcommand};
 
 mod animate;
+mod annotate;
 mod evaluate;
 mod export;
 mod new;
@@ -13,6 +14,7 @@ mod view;
 
 pub use self::{
     animate::AnimateArgs,
+    annotate::AnnotateArgs,
     evaluate::EvaluateArgs,
     export::{ExportArgs, ExportStage, Format, TargetArg},
     new::NewArgs,
@@ -64,6 +66,8 @@ pub enum Command {
     Report(ReportArgs),
     /// Look at a take in the browser: strands in 3D and over footage, layers, timeline, one strand over time.
     View(ViewArgs),
+    /// Label markers, paint masks, correct the head and sketch strands in the browser.
+    Annotate(AnnotateArgs),
     /// Make a synthetic capture with truth.
     Synth(SynthArgs),
     /// Make a small synthetic capture, run everything on it, score it and write exports. Needs no file.

@@ -8,7 +8,7 @@ use std::{
 };
 
 use serde_json::Value;
-use strandflow_engine::STAGES;
+use strandflow_engine::{STAGES, take::RUN_LOG};
 
 /// Time and memory of a phase.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -31,7 +31,7 @@ type Span = (f64, f64);
 /// Reads the log, the phases in the order of the stages. Of an item that was computed again the last time counts. A log
 /// that is not there is empty; a line that a killed run left half written is passed over.
 pub fn read(take: &Path) -> Vec<PhaseTime> {
-    let lines = File::open(take.join("run.log")).map(|file| BufReader::new(file).lines());
+    let lines = File::open(take.join(RUN_LOG)).map(|file| BufReader::new(file).lines());
     of_lines(lines.into_iter().flatten().map_while(Result::ok))
 }
 

@@ -66,7 +66,8 @@ fn motion(source: &Source, store: &Store) -> Option<Motion> {
     Some(Motion { first: source.begins(), poses: rows.chunks_exact(16).map(pose).collect() })
 }
 
-fn views(source: &Source) -> Vec<View> {
+/// The cameras; none where the calibration cannot be read.
+pub fn views(source: &Source) -> Vec<View> {
     let view = |(i, camera): (usize, &Camera)| View {
         name: camera.name.clone(),
         width: camera.width,

@@ -11,7 +11,7 @@ use strandflow_stages::{
     hair_edge::HairEdge,
     hair_look::HairLook,
     key_frame::KeyView,
-    masks::{MasksInput, MasksSettings, PreviousFrame},
+    masks::{MasksInput, MasksSettings, NeighbourFrame},
 };
 
 use super::{images, of_stage, view_frame_of};
@@ -38,16 +38,38 @@ pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), Engi
         needs_key(job, (view, key), needs)?;
     }
     teachers(job, view, frame).into_iter().try_for_each(|key| needs_key(job, key, needs))?;
-    if frame > job.plan.lead.start {
-        needs.file(&sources.image_file(view, frame - 1)?)?;
-        needs.item(&Item::ViewFrame(view, frame - 1).key(PHASE), &ARRAYS)?;
+    if let Some(neighbour) = neighbour(job, view, frame) {
+        needs.file(&sources.image_file(view, neighbour)?)?;
+        needs.item(&Item::ViewFrame(view, neighbour).key(PHASE), &ARRAYS)?;
     }
     Ok(())
 }
 
-/// The latest frame at or before this one for which the user gave a hair mask.
+/// The frames of a view in the order of their making: each key frame, then those after it that are nearest to it, then those
+/// before it.
+pub(crate) fn in_order(job: &Job, view: usize) -> Vec<usize> {
+    let mut frames: Vec<usize> = (job.plan.lead.start..job.plan.lead.end).collect();
+    let place = |&frame: &usize| match key_frame(job, view, frame) {
+        Some(key) => (key, frame < key, frame.abs_diff(key)),
+        None => (0, false, frame),
+    };
+    frames.sort_by_cached_key(place);
+    frames
+}
+
+/// The nearest frame for which the user gave a hair mask; of two, the earlier.
 fn key_frame(job: &Job, view: usize, frame: usize) -> Option<usize> {
-    (job.plan.lead.start..=frame).rev().find(|&f| job.take.sources().hair_file(view, f).is_some())
+    let given = |f: &usize| job.take.sources().hair_file(view, *f).is_some();
+    (job.plan.lead.start..job.plan.lead.end).filter(given).min_by_key(|key| key.abs_diff(frame))
+}
+
+/// The frame from which the hair mask of this one is carried: the next one towards the key frame.
+fn neighbour(job: &Job, view: usize, frame: usize) -> Option<usize> {
+    match key_frame(job, view, frame) {
+        Some(key) if key == frame => None,
+        Some(key) if key > frame => Some(frame + 1),
+        _ => (frame > job.plan.lead.start).then(|| frame - 1),
+    }
 }
 
 /// The first one.
@@ -81,10 +103,9 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
     let image = take.images().image(view, frame)?;
     let plate = take.plate(view)?;
     let (subject, hair) = (take.given_subject(view, frame)?, take.given_hair(view, frame)?);
-    let previous = if frame > job.plan.lead.start {
-        Some((take.images().image(view, frame - 1)?, take.read_masks(view, frame - 1)?))
-    } else {
-        None
+    let neighbour = match neighbour(job, view, frame) {
+        Some(frame) => Some((take.images().image(view, frame)?, take.read_masks(view, frame)?)),
+        None => None,
     };
     let teachers = teachers(job, view, frame);
     let key = key_frame(job, view, frame);
@@ -108,7 +129,7 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
         plate: &plate,
         given_subject: subject.as_ref(),
         given_hair: hair.as_ref(),
-        previous: previous.as_ref().map(|(image, masks)| PreviousFrame { image, masks }),
+        neighbour: neighbour.as_ref().map(|(image, masks)| NeighbourFrame { image, masks }),
         key: key.as_ref(),
         look: look.as_ref().map(|learnt| &learnt.what),
         edge: edge.as_ref().map(|learnt| &learnt.what),

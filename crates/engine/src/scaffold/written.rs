@@ -45,7 +45,7 @@ pub(super) fn text(found: &Found<'_>, calibrated: &Calibrated, held_out: &[Strin
     }
     text += &format!(
         "\n[labels]\n# Markers labelled in the first frame.\nmarkers = {}\n\
-         # Hair masks VIEW/FRAME.png: the first frame's; further ones correct from there on.\nhair_masks = {}\n\
+         # Hair masks VIEW/FRAME.png: the first frame's; further ones hold for the frames nearest to them.\nhair_masks = {}\n\
          # Subject masks VIEW/FRAME.png that replace computed ones.\n",
         quoted(&labels.markers),
         quoted(&labels.hair_masks),

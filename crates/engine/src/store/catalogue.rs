@@ -118,6 +118,7 @@ pub const ARRAYS: &[ArraySpec] = &[
         PER_TAKE,
         "marker image points; NaN where lost, occluded or the view is held out",
     ),
+    spec("pose/ids", (U32, "1"), &["marker"], PER_TAKE, "numbers of the markers, as labelled"),
     spec("pose/rms_px", (F64, "px"), &["frame"], PER_TAKE, "root mean square reprojection error of the markers used"),
     spec("pose/used", (U32, "markers"), &["frame"], PER_TAKE, "markers that the pose rests on"),
     spec("pose/interpolated", (U8, "1"), &["frame"], PER_TAKE, "1 where the pose was interpolated"),

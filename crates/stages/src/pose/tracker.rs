@@ -1,0 +1,287 @@
+//! Markers of a frame: searched, followed, triangulated, fitted.
+
+use std::sync::Arc;
+
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+use strandflow_core::{Place, Report, RgbImage, RigidTransform};
+use strandflow_geometry::{project::project, triangulate::triangulate};
+use strandflow_image::blob::Blob;
+
+use super::{
+    PoseInput, PoseSettings,
+    solve::{Seen, consensus, eq1, refine},
+    track::{Look, by_flow, by_look},
+};
+use crate::{Mode, StageError};
+
+/// Image points, shape (views, M).
+pub(super) type Points = Vec<Vec<Option<DVec2>>>;
+/// Looks of markers, shape (views, M).
+pub(super) type Looks = Vec<Vec<Option<Look>>>;
+
+/// What a frame shows.
+#[derive(Clone)]
+pub(super) struct Found {
+    /// The head's pose; where it is not known, the expected one.
+    pub pose: RigidTransform,
+    /// Whether enough markers were seen.
+    pub is_known: bool,
+    pub tracks: Points,
+    pub markers: Vec<Option<DVec3>>,
+    pub used: u32,
+    pub rms_px: f64,
+}
+
+/// What is known of the markers from the first frame's labels, and how they are found in others.
+pub(super) struct Tracker<'a> {
+    pub input: &'a PoseInput<'a>,
+    pub mode: Mode,
+    pub settings: &'a PoseSettings,
+    /// Look of every marker in the first frame.
+    pub looks: Looks,
+    /// Marker points of the first frame.
+    first: Points,
+    /// Marker positions in head space \[mm\].
+    pub model: Vec<Option<DVec3>>,
+    /// What the first frame's points differ by from the projected model (shading shifts centres the same way in every
+    /// frame), shape (views, M).
+    offset: Vec<Vec<DVec2>>,
+}
+
+impl<'a> Tracker<'a> {
+    pub fn start(input: &'a PoseInput<'a>, mode: Mode, settings: &'a PoseSettings) -> Result<Self, StageError> {
+        let place = Place::frame(input.frames.start);
+        let too_few = |fact: String| StageError::Input {
+            place: place.clone(),
+            fact,
+            hint: format!(
+                "label at least {} markers, each in two or more views of the first frame",
+                settings.markers_needed
+            ),
+        };
+        if input.labels.len() < settings.markers_needed {
+            return Err(too_few(format!(
+                "{} markers are labelled, {} are needed",
+                input.labels.len(),
+                settings.markers_needed
+            )));
+        }
+        let views = input.rig.view_count();
+        let mut tracker = Self {
+            input,
+            mode,
+            settings,
+            looks: vec![vec![None; input.labels.len()]; views],
+            first: vec![vec![None; input.labels.len()]; views],
+            model: Vec::new(),
+            offset: vec![vec![DVec2::ZERO; input.labels.len()]; views],
+        };
+        let images = tracker.images(input.frames.start)?;
+        for (m, label) in input.labels.iter().enumerate() {
+            for (&view, &point) in label.views.iter().filter(|(view, _)| **view < views) {
+                if !point.is_finite() {
+                    let place = Place::view_frame(&input.rig.cameras[view].name, input.frames.start);
+                    return Err(StageError::NonFinite { place, what: format!("label of marker {}", label.id) });
+                }
+                let (centre, look) = learnt(&images[view], point, settings.marker_radius_px);
+                (tracker.first[view][m], tracker.looks[view][m]) = (Some(centre), look);
+            }
+            tracker.lend_look(m);
+        }
+        tracker.model = tracker.triangulated(&tracker.first);
+        let known = tracker.model.iter().flatten().count();
+        if known < settings.markers_needed {
+            return Err(too_few(format!(
+                "{known} markers could be triangulated, {} are needed",
+                settings.markers_needed
+            )));
+        }
+        tracker.measure_offsets();
+        Ok(tracker)
+    }
+
+    pub fn images(&self, frame: usize) -> Result<Vec<Arc<RgbImage>>, StageError> {
+        let views: Vec<usize> = (0..self.input.rig.view_count()).collect();
+        let found: Vec<_> = views.into_par_iter().map(|view| self.input.images.image(view, frame)).collect();
+        Ok(found.into_iter().collect::<Result<_, _>>()?)
+    }
+
+    /// Views without a label take the look of the view in which the marker stands out most, and ask more of it.
+    fn lend_look(&mut self, m: usize) {
+        let best = self.looks.iter().filter_map(|view| view[m]).max_by(|a, b| a.score.total_cmp(&b.score));
+        let Some(best) = best else { return };
+        for view in &mut self.looks {
+            view[m].get_or_insert(Look { score: 1.2 * best.score.min(0.8), ..best });
+        }
+    }
+
+    pub fn triangulated(&self, points: &Points) -> Vec<Option<DVec3>> {
+        let of = |m: usize| {
+            let seen: Vec<_> = points
+                .iter()
+                .zip(&self.input.rig.cameras)
+                .filter_map(|(view, camera)| Some((camera, view[m]?)))
+                .collect();
+            triangulate(&seen, self.settings.inlier_px).map(|t| t.point)
+        };
+        (0..self.input.labels.len()).map(of).collect()
+    }
+
+    fn measure_offsets(&mut self) {
+        for (view, camera) in self.input.rig.cameras.iter().enumerate() {
+            for m in 0..self.model.len() {
+                let (Some(x), Some(seen)) = (self.model[m], self.first[view][m]) else { continue };
+                let Some(p) = project(camera, x) else { continue };
+                let off = seen - p;
+                if off.length() <= self.settings.inlier_px {
+                    self.offset[view][m] = off;
+                }
+            }
+        }
+    }
+
+    pub fn first_frame(&self) -> Found {
+        self.found(self.first.clone(), self.model.clone(), Some(RigidTransform::IDENTITY), RigidTransform::IDENTITY)
+    }
+
+    /// Where the markers of the frame before went.
+    pub fn followed(&self, previous: &[Arc<RgbImage>], images: &[Arc<RgbImage>], before: &Points) -> Points {
+        let follow = |view: usize, point: Option<DVec2>| {
+            by_flow(&previous[view], &images[view], point?, 40, self.settings.round_trip_px)
+        };
+        (0..images.len())
+            .into_par_iter()
+            .map(|view| before[view].iter().map(|&point| follow(view, point)).collect())
+            .collect()
+    }
+
+    /// Paper mode: triangulation, eq. 1.
+    pub fn posed_by_eq1(&self, tracks: Points, before: &[Found]) -> Found {
+        let markers = self.triangulated(&tracks);
+        let pose = if self.is_enough(&markers) { eq1(&self.model, &markers) } else { None };
+        self.found(tracks, markers, pose, expected(before))
+    }
+
+    /// Robust mode: search where the pose is expected, agree, fit, search again where the pose now says.
+    pub fn by_look(&self, images: &[Arc<RgbImage>], looks: &Looks, before: &[Found], reach: f64) -> Found {
+        let expected = expected(before);
+        let tracks = self.search(images, looks, &expected, reach);
+        let start = consensus(&self.model, &self.triangulated(&tracks), 4.0).unwrap_or(expected);
+        let once = self.fit(&tracks, start);
+        // Second look, close to the pose found: wrong finds are dropped and lost markers come back.
+        let tracks = self.search(images, looks, &once, 0.5 * self.settings.marker_radius_px);
+        let pose = self.fit(&tracks, once);
+        let tracks = self.agreeing(tracks, &pose);
+        self.posed_by_fit(tracks, pose, expected)
+    }
+
+    /// Robust mode: the pose fitted to all points of a frame.
+    pub fn posed_by_fit(&self, tracks: Points, start: RigidTransform, expected: RigidTransform) -> Found {
+        let markers = self.triangulated(&tracks);
+        let pose = self.is_enough(&markers).then(|| self.fit(&tracks, start));
+        self.found(tracks, markers, pose, expected)
+    }
+
+    fn is_enough(&self, markers: &[Option<DVec3>]) -> bool {
+        self.in_common(markers) >= self.settings.markers_needed
+    }
+
+    /// Markers known in the first frame and in this one.
+    pub fn in_common(&self, markers: &[Option<DVec3>]) -> usize {
+        self.model.iter().zip(markers).filter(|(a, b)| a.is_some() && b.is_some()).count()
+    }
+
+    pub fn search(&self, images: &[Arc<RgbImage>], looks: &Looks, pose: &RigidTransform, reach: f64) -> Points {
+        let find = |view: usize, m: usize| {
+            let expected = self.expected_point(view, m, pose)?;
+            by_look(&images[view], looks[view][m].as_ref()?, expected, reach, self.settings.accept)
+        };
+        (0..images.len()).into_par_iter().map(|view| (0..self.model.len()).map(|m| find(view, m)).collect()).collect()
+    }
+
+    /// Where a marker's image is expected at a pose.
+    pub fn expected_point(&self, view: usize, m: usize, pose: &RigidTransform) -> Option<DVec2> {
+        Some(project(&self.input.rig.cameras[view], pose.point(self.model[m]?))? + self.offset[view][m])
+    }
+
+    pub fn fit(&self, tracks: &Points, start: RigidTransform) -> RigidTransform {
+        let mut seen = Vec::new();
+        for (view, points) in tracks.iter().enumerate() {
+            for (marker, point) in points.iter().enumerate() {
+                if let Some(point) = point {
+                    seen.push(Seen { view, marker, point: *point - self.offset[view][marker], weight: 1.0 });
+                }
+            }
+        }
+        refine(self.input.rig, &self.model, &seen, start, 0.5)
+    }
+
+    /// Keeps the points that lie where the pose puts them.
+    pub fn agreeing(&self, mut tracks: Points, pose: &RigidTransform) -> Points {
+        for (view, points) in tracks.iter_mut().enumerate() {
+            for (m, point) in points.iter_mut().enumerate() {
+                let near = |p: DVec2| {
+                    self.expected_point(view, m, pose).is_some_and(|e| e.distance(p) <= self.settings.inlier_px)
+                };
+                *point = point.filter(|p| near(*p));
+            }
+        }
+        tracks
+    }
+
+    fn found(
+        &self,
+        tracks: Points,
+        markers: Vec<Option<DVec3>>,
+        pose: Option<RigidTransform>,
+        expected: RigidTransform,
+    ) -> Found {
+        let place = pose.unwrap_or(expected);
+        let mut squares = Vec::new();
+        for (view, points) in tracks.iter().enumerate() {
+            for (m, point) in points.iter().enumerate() {
+                if let (Some(p), Some(e)) = (point, self.expected_point(view, m, &place)) {
+                    squares.push(e.distance_squared(*p));
+                }
+            }
+        }
+        let rms_px = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
+        let used = self.in_common(&markers) as u32;
+        Found { pose: place, is_known: pose.is_some(), tracks, markers, used, rms_px }
+    }
+
+    pub fn report_lost(&self, frame: usize, found: &Found, report: &mut Report) {
+        if !found.is_known {
+            let (used, of) = (found.used, self.model.iter().flatten().count());
+            let fact = format!("used {used} of {of} markers, need {}", self.settings.markers_needed);
+            report.warn(Place::frame(frame), fact, "pose interpolated");
+        }
+    }
+
+    pub fn centre(&self) -> DVec3 {
+        let known: Vec<DVec3> = self.model.iter().flatten().copied().collect();
+        known.iter().sum::<DVec3>() / known.len().max(1) as f64
+    }
+}
+
+/// The centre of a labelled marker, which is measured (the label is where to look), and its look; where nothing there looks
+/// like a marker, the label itself and no look.
+pub(super) fn learnt(image: &RgbImage, label: DVec2, radius_px: f64) -> (DVec2, Option<Look>) {
+    let Some(blob) = Blob::learn(image, label, radius_px) else { return (label, None) };
+    let centre = blob.centroid(image, label);
+    if centre.distance(label) > 0.6 * radius_px {
+        return (label, None);
+    }
+    let score = blob.score(image, centre);
+    if score > 0.2 { (centre, Some(Look { blob, score })) } else { (label, None) }
+}
+
+/// The next pose at constant velocity.
+pub(super) fn expected(before: &[Found]) -> RigidTransform {
+    match before {
+        [] => RigidTransform::IDENTITY,
+        [only] => only.pose,
+        [.., a, b] => b.pose.after(&a.pose.inverse()).after(&b.pose),
+    }
+}
