@@ -7,6 +7,8 @@ import { cut, fill, paste, stroke } from '../src/annotate/brush.ts';
 import type { Plane } from '../src/annotate/brush.ts';
 import { direction, epipolar, lookedAt, project, triangulate } from '../src/annotate/camera.ts';
 import type { P2, P3, WorkView } from '../src/annotate/camera.ts';
+import { distort, undistort } from '../src/annotate/lens.ts';
+import type { Lens } from '../src/annotate/lens.ts';
 import { History } from '../src/annotate/history.ts';
 import { labelsAt, putLabel, removeMarker } from '../src/annotate/labels.ts';
 import { nameOf } from '../src/annotate/keys.ts';
@@ -15,7 +17,7 @@ import { firstLook, fromHash, toHash } from '../src/annotate/state.ts';
 import type { LabelDoc, Work } from '../src/annotate/wire.ts';
 
 /** A camera on a circle around the origin, which it looks at, through a lens that bends. */
-function view(angle: number, distortion: number[] | null = [-0.21, 0.08, 0.0012, -0.0007, 0.01, 0.002, 0, 0]): WorkView {
+function view(angle: number, distortion: Lens = { brown_conrady: [-0.21, 0.08, 0.0012, -0.0007, 0.01, 0.002, 0, 0] }): WorkView {
   const [s, c] = [Math.sin(angle), Math.cos(angle)];
   const far = 1100;
   // x right, y down, z towards the origin.
@@ -28,7 +30,7 @@ const apart = (a: readonly number[], b: readonly number[]) => Math.hypot(...a.ma
 
 test('a ray through the image of a point meets it, lens and all', () => {
   const at: P3 = [61, -88, 47];
-  for (const lens of [null, view(0).distortion]) {
+  for (const lens of ['none', view(0).distortion] as Lens[]) {
     const v = view(0.6, lens);
     const pixel = project(v, at)!;
     const along = direction(v, pixel);
@@ -40,11 +42,31 @@ test('a ray through the image of a point meets it, lens and all', () => {
 
 test('the lens bends as the program\'s does', () => {
   // x = 0.2, y = -0.1 by the formula of OpenCV's rational model, worked out by hand.
-  const v = { ...view(0, [-0.2, 0.1, 0.001, -0.002, 0.05, 0.3, -0.1, 0.02]), camera_from_world: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1] };
+  const v = { ...view(0, { brown_conrady: [-0.2, 0.1, 0.001, -0.002, 0.05, 0.3, -0.1, 0.02] }), camera_from_world: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1] };
   const r2 = 0.05;
   const radial = (1 - 0.2 * r2 + 0.1 * r2 ** 2 + 0.05 * r2 ** 3) / (1 + 0.3 * r2 - 0.1 * r2 ** 2 + 0.02 * r2 ** 3);
   const [x, y] = [0.2 * radial + 2 * 0.001 * -0.02 - 0.002 * (r2 + 0.08), -0.1 * radial + 0.001 * (r2 + 0.02) + 2 * -0.002 * -0.02];
   assert.ok(apart(project(v, [200, -100, 1000])!, [900 * x + 322, 905 * y + 238]) < 1e-9);
+});
+
+test('every lens bends as the program\'s does, and is undone', () => {
+  // The image of (-0.45, 0.35) by OpenCV, and by the published formulas: as in crates/geometry/src/lens_tests.rs.
+  const rational = [-0.28, 0.09, 1.5e-3, -7e-4, -0.012, 0.04, -0.01, 0.003];
+  const fisheye = { fisheye: true, radial: [-0.03, 0.012, -0.004, 0.0007], tangential: [0, 0], prism: [0, 0], skew: 0 };
+  const frame = { ...fisheye, fisheye: false, tangential: [1e-3, -6e-4], skew: 0.004 };
+  const known: [Lens, P2][] = [
+    ['none', [-0.45, 0.35]],
+    [{ brown_conrady: rational }, [-0.4092081665023236, 0.31858357394625164]],
+    [{ tilted: [...rational, 2e-3, -5e-4, -1e-3, 3e-4, 0.02, -0.03] }, [-0.40639806561992003, 0.3162435140738647]],
+    [{ polynomial: fisheye }, [-0.4060203810244708, 0.31579362968569946]],
+    [{ polynomial: frame }, [-0.445486619520789, 0.3477447990019531]],
+    [{ fov: 0.9 }, [-0.44153932075169844, 0.3434194716957654]],
+  ];
+  for (const [lens, image] of known) {
+    const seen = distort(lens, [-0.45, 0.35]);
+    assert.ok(apart(seen, image) < 1e-14, JSON.stringify(lens) + seen);
+    assert.ok(apart(undistort(lens, seen), [-0.45, 0.35]) < 1e-12, JSON.stringify(lens));
+  }
 });
 
 test('views that agree give the point, and what disagrees shows', () => {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use strandflow_core::Mask;
+use strandflow_core::{Distortion, Mask};
 
 use crate::{
     Picture, Refusal,
@@ -83,8 +83,8 @@ pub struct WorkView {
     /// As in the viewer.
     #[serde(flatten)]
     pub view: View,
-    /// k1, k2, p1, p2, k3, k4, k5, k6; none for a pinhole.
-    pub distortion: Option<[f64; 8]>,
+    /// The lens, as calibrations of our own write it.
+    pub distortion: Distortion,
 }
 
 /// Where stage `pose` saw the markers in a frame.

@@ -1,5 +1,8 @@
 // Cameras with their lenses: the same geometry as the program's, for lines that follow the pointer.
 
+import { distort, undistort } from './lens.ts';
+import type { Lens } from './lens.ts';
+
 export type P2 = [number, number];
 export type P3 = [number, number, number];
 
@@ -16,39 +19,11 @@ export interface WorkView {
   center: P3;
   footage: boolean;
   held_out?: boolean;
-  /** k1, k2, p1, p2, k3 … k6 in OpenCV's order; null for a pinhole. */
-  distortion: number[] | null;
+  distortion: Lens;
 }
 
 const add = (a: P3, b: P3, s = 1): P3 => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
 const dot = (a: P3, b: P3) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-
-function distort(k: number[] | null, [x, y]: P2): P2 {
-  if (!k) return [x, y];
-  const [k1, k2, p1, p2, k3, k4, k5, k6] = k;
-  const r2 = x * x + y * y;
-  const radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)));
-  return [x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y];
-}
-
-/** Newton steps on `distort`. */
-function undistort(k: number[] | null, [u, v]: P2): P2 {
-  if (!k) return [u, v];
-  let [x, y] = [u, v];
-  const h = 1e-6;
-  for (let step = 0; step < 20; step++) {
-    const at = distort(k, [x, y]);
-    const [ex, ey] = [at[0] - u, at[1] - v];
-    if (ex * ex + ey * ey < 1e-26) break;
-    const [xp, xm, yp, ym] = [distort(k, [x + h, y]), distort(k, [x - h, y]), distort(k, [x, y + h]), distort(k, [x, y - h])];
-    const [a, b, c, d] = [xp[0] - xm[0], yp[0] - ym[0], xp[1] - xm[1], yp[1] - ym[1]].map((e) => e / (2 * h));
-    const det = a * d - b * c;
-    if (!(Math.abs(det) > 1e-12)) break;
-    x -= (d * ex - b * ey) / det;
-    y -= (a * ey - c * ex) / det;
-  }
-  return [x, y];
-}
 
 /** The image point of a world point; null behind the camera. */
 export function project(view: WorkView, p: P3): P2 | null {

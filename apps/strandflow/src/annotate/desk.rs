@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use strandflow_core::{Camera, Distortion, FrameRange, Mask, Rig};
+use strandflow_core::{Camera, FrameRange, Mask, Rig};
 use strandflow_engine::{EngineError, take::RUN_LOG};
 use strandflow_view::{
     Desk, Picture, Refusal,
@@ -57,13 +57,7 @@ impl Desk for TakeDesk {
     fn work(&self) -> Result<Work, Refusal> {
         let (manifest, frames, rig) = (self.source.manifest(), self.frames(), self.rig()?);
         let names: Vec<String> = rig.cameras.iter().map(|camera| camera.name.clone()).collect();
-        let with_lens = |(view, camera): (_, &Camera)| WorkView {
-            view,
-            distortion: match camera.distortion {
-                Distortion::None => None,
-                Distortion::BrownConrady(terms) => Some(terms),
-            },
-        };
+        let with_lens = |(view, camera): (_, &Camera)| WorkView { view, distortion: camera.distortion };
         Ok(Work {
             name: self.source.name(),
             fps: manifest.fps,
