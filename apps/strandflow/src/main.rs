@@ -8,6 +8,7 @@ mod animate_score;
 mod args;
 mod bench;
 mod capture_files;
+mod check;
 mod demo;
 mod evaluate;
 mod export;
@@ -46,6 +47,7 @@ fn main() -> ExitCode {
         .init();
     let result = match args.command {
         Command::New(args) => new::new(&args),
+        Command::Check(args) => check::check(&args),
         Command::Run(args) => run::run(&args),
         Command::Status(args) => status::status(&args),
         Command::Evaluate(args) => evaluate::evaluate(&args),

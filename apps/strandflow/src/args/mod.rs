@@ -3,6 +3,7 @@
 use clap::{Parser, Subcommand};
 
 mod animate;
+mod check;
 mod evaluate;
 mod export;
 mod new;
@@ -13,6 +14,7 @@ mod view;
 
 pub use self::{
     animate::AnimateArgs,
+    check::CheckArgs,
     evaluate::EvaluateArgs,
     export::{ExportArgs, ExportStage, Format, TargetArg},
     new::NewArgs,
@@ -26,6 +28,7 @@ const FIRST_STEPS: &str = "\
 First steps:
   strandflow demo                           a small synthetic take, all stages, scores, exports
   strandflow new TAKE --capture DIR         DIR: video/, clean/, calibration.json, user/ (docs/capture.md)
+  strandflow check TAKE                     what is wrong with the rig, the footage or the labels, if anything
   strandflow run TAKE                       resumes where it stopped; Ctrl-C loses nothing
   strandflow status TAKE
   strandflow export TAKE --stage blend --to usd OUT.usdc";
@@ -46,6 +49,8 @@ pub struct Args {
 pub enum Command {
     /// Scaffold a take from a capture folder; copies nothing.
     New(NewArgs),
+    /// Look a take over before a run: calibration, clocks, footage, masks, markers; says what is wrong and what to do.
+    Check(CheckArgs),
     /// Run the stages; resumes where a run stopped, repeats what is stale.
     Run(RunArgs),
     /// What is done, stale, missing or failed, and why.
