@@ -188,7 +188,9 @@ fn compared(rig: &Rig, timed: &[Timed], who: (usize, &[usize]), inlier_px: f64) 
         Compared { cost: vec![vec![(0.0, 0); delays(frames).count()]; frames], speed: vec![0.0; frames] };
     for (&marker, track) in &timed[view].followed.tracks {
         let path: Vec<Option<DVec3>> = (0..frames).map(|f| point(rig, timed, who, marker, f, inlier_px)).collect();
-        let expected = |moment: f64| project(&rig.cameras[view], between(&path, moment)?);
+        let unbiased = |moment: f64| project(&rig.cameras[view], between(&path, moment)?);
+        let bias = bias(track, unbiased);
+        let expected = |moment: f64| Some(unbiased(moment)? + bias);
         for (frame, seen) in track.iter().enumerate() {
             let Some(seen) = *seen else { continue };
             for (sum, ahead) in compared.cost[frame].iter_mut().zip(delays(frames)) {
@@ -201,6 +203,27 @@ fn compared(rig: &Rig, timed: &[Timed], who: (usize, &[usize]), inlier_px: f64) 
         }
     }
     (frames > 0).then_some(compared)
+}
+
+/// Speed in the image up to which a delay moves nothing \[px/frame\].
+const STILL: f64 = 0.3;
+/// Largest bias that is one \[px\]; more is a marker taken for another.
+const MOST_BIAS: f64 = 3.0;
+
+/// How far a marker is seen from where it is expected while it hardly moves: shading and calibration shift its centre in
+/// every frame alike, and must not be taken for a delay.
+fn bias(track: &[Option<DVec2>], expected: impl Fn(f64) -> Option<DVec2>) -> DVec2 {
+    let (mut sum, mut count) = (DVec2::ZERO, 0.0);
+    for (frame, seen) in track.iter().enumerate() {
+        let moment = frame as f64;
+        // A path begins with the first frame.
+        let (before, after) = (expected((moment - 1.0).max(0.0)), expected(moment + 1.0));
+        let (Some(seen), Some(at), Some(before), Some(after)) = (seen, expected(moment), before, after) else { continue };
+        if before.distance(after) < 2.0 * STILL && at.distance(*seen) < MOST_BIAS {
+            (sum, count) = (sum + *seen - at, count + 1.0);
+        }
+    }
+    if count > 0.0 { sum / count } else { DVec2::ZERO }
 }
 
 /// A marker in space at a frame of the common clock, from the other views.

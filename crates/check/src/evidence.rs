@@ -7,7 +7,7 @@ use strandflow_core::{FrameRange, ImageSource, Mask, Occupancy, RgbImage, Rig, S
 use strandflow_engine::Settings;
 use strandflow_io::{SourceInfo, TakeSource};
 
-use crate::{Finding, labels::Label};
+use crate::{Finding, follow::Followed, labels::Label};
 
 /// What one view brings. What could not be read is `None`, and said among [`Evidence::trouble`].
 pub struct ViewEvidence {
@@ -68,6 +68,10 @@ pub struct Evidence {
     pub frames: FrameRange,
     /// What was wrong with the files.
     pub trouble: Vec<Finding>,
+    /// Markers followed in every view, from the first frame on, made by `time`.
+    pub followed: Vec<Followed>,
+    /// Views that `time` found out of step.
+    pub out_of_time: Vec<usize>,
     /// Subject masks of a few frames, made by `masks`.
     pub sampled: Vec<Sampled>,
     /// The hull of the first frame in coarse voxels, on a grid that holds those of all, made by `hull`.

@@ -71,6 +71,8 @@ pub fn of_folder(root: &Path) -> Result<Evidence, EngineError> {
         labels,
         frames,
         trouble,
+        followed: Vec::new(),
+        out_of_time: Vec::new(),
         sampled: Vec::new(),
         hull: None,
     };
@@ -109,6 +111,8 @@ pub fn of_take(take: &Take) -> Result<Evidence, EngineError> {
         labels: labels.into_iter().map(|(id, views)| Label { id, views: points(views) }).collect(),
         frames,
         trouble: Vec::new(),
+        followed: Vec::new(),
+        out_of_time: Vec::new(),
         sampled: Vec::new(),
         hull: None,
     })

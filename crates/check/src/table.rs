@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::{Evidence, Finding, Outcome, Verdict, calibration, conventions, cost, coverage, files, footage, masks, time};
+use crate::{Evidence, Finding, Outcome, Verdict, calibration, conventions, cost, coverage, files, footage, identity, lens, masks, time};
 
 /// One check.
 pub struct Check {
@@ -46,7 +46,9 @@ pub const CHECKS: &[Check] = checks! {
     "units", "distances of the cameras and of the markers", "hull", true, conventions::units;
     "lenses", "focal lengths and principal points for the image's size", "lift", true, conventions::lenses;
     "gravity", "its size, and its direction against the cameras' and the head's upright", "fit", true, conventions::gravity;
+    "identity", "labels lie on markers in their footage, plates look like their footage: exchanged clips and plates", "masks", false, identity::check;
     "time", "markers followed in every view: delays between views, frames lost, frames shown twice", "lift", false, time::check;
+    "distortion", "followed markers with one radial term more", "hull", false, lens::check;
     "masks", "subject masks of three frames: empty ones, holes, given hair outside the subject", "masks", false, masks::check;
     "hull", "the hull of these masks, drawn back into every view: leaks, cuts, views that empty it", "hull", false, masks::hull;
     "footage", "focus, exposure and brightness of the hair in every view's first frame", "orient", false, footage::check;

@@ -32,8 +32,10 @@ pub(crate) fn check(evidence: &mut Evidence) -> Outcome {
     for (view, clock) in clocks.iter().enumerate() {
         let copies: Vec<usize> = copies_of(&followed, view);
         let found = clock.as_ref().and_then(|clock| of_clock(clock, &copies, frames.start));
+        evidence.out_of_time.extend(found.iter().map(|_| view));
         findings.extend(found.map(|finding| Finding { place: format!("view {}{}", evidence.name(view), finding.place), ..finding }));
     }
+    evidence.followed = followed;
     match in_words(&clocks, frames) {
         Ok(measured) => Outcome::of(measured, findings),
         Err(why) if findings.is_empty() => Outcome::unjudged(why),
