@@ -76,7 +76,8 @@ fn with_late_view(capture: &Path, take: &Path, view: &str) {
 #[test]
 fn a_late_view_is_timed() {
     let root = tempfile::tempdir().expect("a folder");
-    let mut rows = vec!["| capture | view shown 1.5 frames late | found | error |".to_owned(), "|---|---|---:|---:|".to_owned()];
+    let mut rows =
+        vec!["| capture | view shown 1.5 frames late | found | error |".to_owned(), "|---|---|---:|---:|".to_owned()];
     let all = captures();
     if all.is_empty() {
         eprintln!("skipped: captures not found");

@@ -24,7 +24,8 @@ pub(crate) fn markers(evidence: &mut Evidence) -> Outcome {
     if usable < MARKERS_NEEDED {
         let fact = format!("{usable} markers are labelled in two or more views, at least {MARKERS_NEEDED} are needed");
         let hint = "label more markers in the take's first frame, each in every view that sees it";
-        findings.push(Finding::cannot("few-markers", "labels", fact).suffers("pose: no head pose in any frame").hint(hint));
+        findings
+            .push(Finding::cannot("few-markers", "labels", fact).suffers("pose: no head pose in any frame").hint(hint));
     }
     let blind: Vec<usize> = (0..evidence.views.len())
         .filter(|view| !evidence.views[*view].held_out && !evidence.labels.iter().any(|l| l.views.contains_key(view)))
@@ -91,8 +92,14 @@ fn of_mend(evidence: &Evidence, mend: &Mend, before: &Agreement, after: &Agreeme
     };
     let suffers = "hull: volume is carved away where it is; pose and lines follow";
     match mend {
-        Mend::Exchange(..) => Finding::cannot("swapped-views", place, format!("the cameras of these views are exchanged: {fall}"))
-            .hint("exchange their sources (with plate, labels and masks) in the manifest, or their names in the calibration"),
+        Mend::Exchange(..) => Finding::cannot(
+            "swapped-views",
+            place,
+            format!("the cameras of these views are exchanged: {fall}"),
+        )
+        .hint(
+            "exchange their sources (with plate, labels and masks) in the manifest, or their names in the calibration",
+        ),
         Mend::Repair(repair, _) => {
             let (fact, hint) = repair.in_words();
             Finding::cannot(repair.fault(), place, format!("{fact}: {fall}")).hint(hint)
@@ -104,7 +111,7 @@ fn of_mend(evidence: &Evidence, mend: &Mend, before: &Agreement, after: &Agreeme
 /// Pixels in words.
 fn px(value: f64) -> String {
     match value {
-        v if !v.is_finite() => "behind the camera".into(),
+        v if !v.is_finite() => "nowhere".into(),
         v if v < 100.0 => format!("{v:.2} px"),
         v => format!("{v:.0} px"),
     }
@@ -121,7 +128,9 @@ fn unexplained(evidence: &Evidence, wrong: &[usize], now: &Agreement) -> Vec<Fin
         );
         let hint = "check which camera is which, world-to-camera direction, units and image size; then calibrate again";
         return vec![
-            Finding::cannot("views-disagree", "all views", fact).suffers("hull: silhouettes share no volume").hint(hint),
+            Finding::cannot("views-disagree", "all views", fact)
+                .suffers("hull: silhouettes share no volume")
+                .hint(hint),
         ];
     }
     let one = |&view: &usize| {
@@ -144,7 +153,8 @@ fn of_labels(evidence: &Evidence, rig: &Rig, labels: &[Label], now: &Agreement) 
     while let Some((a, b)) = exchanged(rig, labels, now.tolerance, &left) {
         let view = a.view;
         let ids = (labels[b.marker].id, labels[a.marker].id);
-        let fact = format!("the labels of markers {} and {} are exchanged: {} and {} off", ids.0, ids.1, px(b.px), px(a.px));
+        let fact =
+            format!("the labels of markers {} and {} are exchanged: {} and {} off", ids.0, ids.1, px(b.px), px(a.px));
         findings.push(
             Finding::look("swapped-labels", format!("view {}", evidence.name(view)), fact)
                 .suffers("pose: both markers are lost to this view")

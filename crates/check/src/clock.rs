@@ -42,7 +42,11 @@ pub fn clocks(rig: &Rig, followed: &[Followed], left_out: &[usize], inlier_px: f
     for _ in 0..ROUNDS {
         let in_time: Vec<Timed> = followed.iter().zip(&clocks).map(|(f, clock)| Timed { followed: f, clock }).collect();
         let next: Vec<Option<Clock>> = (0..rig.view_count())
-            .map(|view| if left_out.contains(&view) { None } else { clock_of(rig, &in_time, (view, left_out), inlier_px) })
+            .map(
+                |view| {
+                    if left_out.contains(&view) { None } else { clock_of(rig, &in_time, (view, left_out), inlier_px) }
+                },
+            )
             .collect();
         let middle = median(next.iter().flatten().map(|clock| clock.ahead)).unwrap_or(0.0);
         clocks = next;
@@ -64,7 +68,13 @@ impl Timed<'_> {
     /// By how much a frame is ahead.
     fn ahead(&self, frame: usize) -> f64 {
         match self.clock {
-            Some(Clock { change: Some((at, before, after)), .. }) => if frame < *at { *before } else { *after },
+            Some(Clock { change: Some((at, before, after)), .. }) => {
+                if frame < *at {
+                    *before
+                } else {
+                    *after
+                }
+            }
             Some(clock) => clock.ahead,
             None => 0.0,
         }
@@ -218,7 +228,9 @@ fn bias(track: &[Option<DVec2>], expected: impl Fn(f64) -> Option<DVec2>) -> DVe
         let moment = frame as f64;
         // A path begins with the first frame.
         let (before, after) = (expected((moment - 1.0).max(0.0)), expected(moment + 1.0));
-        let (Some(seen), Some(at), Some(before), Some(after)) = (seen, expected(moment), before, after) else { continue };
+        let (Some(seen), Some(at), Some(before), Some(after)) = (seen, expected(moment), before, after) else {
+            continue;
+        };
         if before.distance(after) < 2.0 * STILL && at.distance(*seen) < MOST_BIAS {
             (sum, count) = (sum + *seen - at, count + 1.0);
         }

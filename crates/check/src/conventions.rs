@@ -35,7 +35,8 @@ pub(crate) fn aim(evidence: &mut Evidence) -> Outcome {
             findings.push(Finding::cannot("looks-away", place, fact).suffers(suffers).hint(hint));
         } else if off[view] > 0.5 * diagonal_view(camera) {
             let fact = format!("the subject lies {:.0}° from its axis, outside its image", off[view].to_degrees());
-            findings.push(Finding::cannot("looks-away", place, fact).suffers(suffers).hint("check R and t of this camera"));
+            findings
+                .push(Finding::cannot("looks-away", place, fact).suffers(suffers).hint("check R and t of this camera"));
         }
     }
     Outcome::of(measured, findings)
@@ -79,12 +80,12 @@ pub(crate) fn units(evidence: &mut Evidence) -> Outcome {
     let pairs = points.iter().enumerate().flat_map(|(i, a)| points[..i].iter().map(|b| a.distance(*b)));
     let spread = pairs.fold(0.0, f64::max);
     let subject = if points.is_empty() { meeting_point(&evidence.mended) } else { Some(mean(&points)) };
-    let distances = |subject: DVec3| median(evidence.mended.cameras.iter().map(|c| c.centre_in_world().distance(subject)));
+    let distances =
+        |subject: DVec3| median(evidence.mended.cameras.iter().map(|c| c.centre_in_world().distance(subject)));
     let Some(distance) = subject.and_then(distances) else { return Outcome::unjudged("there are no distances") };
     let measured = format!("cameras {distance:.0} mm from the head, markers up to {spread:.0} mm apart");
-    let plausible = |mm: f64| {
-        DISTANCE_MM.contains(&(mm * distance)) && (points.len() < 3 || MARKERS_MM.contains(&(mm * spread)))
-    };
+    let plausible =
+        |mm: f64| DISTANCE_MM.contains(&(mm * distance)) && (points.len() < 3 || MARKERS_MM.contains(&(mm * spread)));
     if plausible(1.0) {
         return Outcome::of(measured, Vec::new());
     }
@@ -96,7 +97,8 @@ pub(crate) fn units(evidence: &mut Evidence) -> Outcome {
             let scale = |pose: &mut RigidTransform| pose.translation *= mm;
             evidence.mended.cameras.iter_mut().for_each(|camera| scale(&mut camera.camera_from_world));
             let fact = format!("{lie}: the calibration's lengths are {unit}");
-            let hint = "name the true unit: `units` in .json and .toml, `calibration.unit_mm` in the manifest for others";
+            let hint =
+                "name the true unit: `units` in .json and .toml, `calibration.unit_mm` in the manifest for others";
             Finding::cannot(fault, "calibration", fact).hint(hint)
         }
         None => Finding::look("scale", "calibration", format!("{lie}: that is no head before a rig"))
@@ -135,17 +137,26 @@ pub(crate) fn lenses(evidence: &mut Evidence) -> Outcome {
         let suffers = "hull, lift: rays of this view go astray";
         if off(camera) > OFF_CENTRE {
             let [cx, cy] = camera.principal;
-            let fact = format!("the principal point ({cx:.0}, {cy:.0}) lies {:.0} % off the centre of the image", 100.0 * off(camera));
+            let fact = format!(
+                "the principal point ({cx:.0}, {cy:.0}) lies {:.0} % off the centre of the image",
+                100.0 * off(camera)
+            );
             let hint = "check cx and cy, and that the calibration is of this image size and not of a part of it";
             findings.push(Finding::look("principal-point", place.clone(), fact).suffers(suffers).hint(hint));
         }
         if !FIELD_DEG.contains(&field(camera)) {
-            let fact = format!("a focal length of {:.0} px gives a field of view of {:.1}°", camera.focal[0], field(camera));
+            let fact =
+                format!("a focal length of {:.0} px gives a field of view of {:.1}°", camera.focal[0], field(camera));
             let hint = "give fx and fy in pixels of this image, not in millimetres";
             findings.push(Finding::look("focal-length", place.clone(), fact).suffers(suffers).hint(hint));
         }
         if (camera.focal[1] / camera.focal[0] - 1.0).abs() > SQUARE {
-            let fact = format!("fx {:.0} and fy {:.0} differ by {:.0} %", camera.focal[0], camera.focal[1], 100.0 * (camera.focal[1] / camera.focal[0] - 1.0).abs());
+            let fact = format!(
+                "fx {:.0} and fy {:.0} differ by {:.0} %",
+                camera.focal[0],
+                camera.focal[1],
+                100.0 * (camera.focal[1] / camera.focal[0] - 1.0).abs()
+            );
             let hint = "pixels are square: was the footage scaled after the calibration?";
             findings.push(Finding::look("focal-length", place, fact).suffers(suffers).hint(hint));
         }

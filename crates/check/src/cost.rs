@@ -46,9 +46,8 @@ const MB_A_MEGAVOXEL: f64 = 70.0;
 /// What a run of this size takes.
 pub fn cost(size: &Size) -> Cost {
     let Size { megapixels, megavoxel_frames, strand_frames, megavoxels, threads } = *size;
-    let core_secs = SECS_A_MEGAPIXEL * megapixels
-        + SECS_A_MEGAVOXEL_FRAME * megavoxel_frames
-        + SECS_A_STRAND_FRAME * strand_frames;
+    let core_secs =
+        SECS_A_MEGAPIXEL * megapixels + SECS_A_MEGAVOXEL_FRAME * megavoxel_frames + SECS_A_STRAND_FRAME * strand_frames;
     Cost {
         secs: core_secs / threads.max(1) as f64,
         memory_mb: MB_PROGRAM + MB_A_MEGAVOXEL * megavoxels * threads as f64,
@@ -96,7 +95,8 @@ pub(crate) fn check(evidence: &mut Evidence) -> Outcome {
 fn of_cost(cost: &Cost, megavoxels: f64, disk: Option<f64>, memory: Option<f64>) -> Vec<Finding> {
     let mut findings = Vec::new();
     if megavoxels > MOST_MEGAVOXELS {
-        let fact = format!("the grid would have about {megavoxels:.0} million voxels, at most {MOST_MEGAVOXELS:.0} are made");
+        let fact =
+            format!("the grid would have about {megavoxels:.0} million voxels, at most {MOST_MEGAVOXELS:.0} are made");
         findings.push(
             Finding::cannot("grid-too-large", "settings", fact)
                 .suffers("hull: refuses")
@@ -149,12 +149,14 @@ mod tests {
 
     #[test]
     fn the_run_that_was_measured_is_estimated() {
-        let size = Size { megapixels: 64.5, megavoxel_frames: 98.7, strand_frames: 240e3, megavoxels: 3.29, threads: 2 };
+        let size =
+            Size { megapixels: 64.5, megavoxel_frames: 98.7, strand_frames: 240e3, megavoxels: 3.29, threads: 2 };
         let cost = cost(&size);
         // Measured: 320 s, 570 MB, 1,330 MB.
         assert!((cost.secs - 320.0).abs() < 40.0 && (cost.memory_mb - 570.0).abs() < 30.0, "{cost:?}");
         assert!((cost.disk_mb - 1330.0).abs() < 60.0, "{cost:?}");
-        let faults = |disk, memory| of_cost(&cost, 3.3, Some(disk), Some(memory)).iter().map(|f| f.fault).collect::<Vec<_>>();
+        let faults =
+            |disk, memory| of_cost(&cost, 3.3, Some(disk), Some(memory)).iter().map(|f| f.fault).collect::<Vec<_>>();
         assert_eq!((faults(2000.0, 600.0).len(), faults(1000.0, 100.0)), (0, vec!["disk-space", "memory"]));
         assert_eq!((in_time(90.0), in_time(320.0), in_bytes(1330.0)), ("90 s".into(), "5 min".into(), "1.3 GB".into()));
     }

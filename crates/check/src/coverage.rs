@@ -67,9 +67,8 @@ pub(crate) fn coverage(evidence: &mut Evidence) -> Outcome {
 /// Share of a hull's voxels that enough views have in their image.
 fn share_seen(rig: &Rig, hull: &Occupancy) -> f64 {
     let sees = |camera: &&Camera, place: DVec3| {
-        project(camera, place).is_some_and(|p| {
-            p.x >= 0.0 && p.y >= 0.0 && p.x < camera.width as f64 && p.y < camera.height as f64
-        })
+        project(camera, place)
+            .is_some_and(|p| p.x >= 0.0 && p.y >= 0.0 && p.x < camera.width as f64 && p.y < camera.height as f64)
     };
     let (mut seen, mut all) = (0usize, 0usize);
     for index in hull.indices() {
@@ -122,11 +121,14 @@ pub(crate) fn resolution(evidence: &mut Evidence) -> Outcome {
         findings.push(
             Finding::look("thin-hair", "all views", fact)
                 .suffers("orient: strands run together in a pixel, and their direction is that of the whole lock")
-                .hint("longer lenses, cameras nearer to the head, or more pixels: a millimetre of hair a pixel is good"),
+                .hint(
+                    "longer lenses, cameras nearer to the head, or more pixels: a millimetre of hair a pixel is good",
+                ),
         );
     }
     for (view, confidence) in confidences.into_iter().filter(|c| c.1 < CONFIDENCE && finest * mm <= FINEST_MM) {
-        let fact = format!("orientations agree to {confidence:.2} only, from {CONFIDENCE} on strands are told from noise");
+        let fact =
+            format!("orientations agree to {confidence:.2} only, from {CONFIDENCE} on strands are told from noise");
         findings.push(
             Finding::look("no-texture", format!("view {}", evidence.name(view)), fact)
                 .suffers("orient: no direction that other stages could believe")
@@ -170,7 +172,11 @@ mod tests {
     fn ball() -> Occupancy {
         let grid = Grid { origin: DVec3::splat(-100.0), voxel_mm: 10.0, dims: [20; 3] };
         let mut ball = Occupancy::empty(grid);
-        (0..grid.len()).filter(|&i| centre(&ball, i).length() < 90.0).collect::<Vec<_>>().into_iter().for_each(|i| ball.set(i, true));
+        (0..grid.len())
+            .filter(|&i| centre(&ball, i).length() < 90.0)
+            .collect::<Vec<_>>()
+            .into_iter()
+            .for_each(|i| ball.set(i, true));
         ball
     }
 
@@ -187,7 +193,10 @@ mod tests {
     #[test]
     fn angles_between_views() {
         let (widest, gap) = angles(&rig(), DVec3::ZERO, DVec3::NEG_Z * 9810.0);
-        assert!((100.0..180.0).contains(&widest) && (gap - (360.0 - 3.5f64.to_degrees())).abs() < 1e-6, "{widest} {gap}");
+        assert!(
+            (100.0..180.0).contains(&widest) && (gap - (360.0 - 3.5f64.to_degrees())).abs() < 1e-6,
+            "{widest} {gap}"
+        );
         assert!((mm_of_pixel(&rig().cameras[0], DVec3::ZERO) - 1500.0 / 1400.0).abs() < 1e-9);
     }
 }

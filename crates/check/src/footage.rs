@@ -70,7 +70,10 @@ fn of_view(evidence: &Evidence, seen: &Seen, usual: f64, usual_sharpness: Option
     if let Some(sharpness) = seen.footage.sharpness {
         let soft = usual_sharpness.is_some_and(|usual| sharpness < SOFT * usual as f32);
         if seen.footage.is_blurred() || soft {
-            let fact = format!("the hair is blurred: sharpness {sharpness:.2}, in the median view {:.2}", usual_sharpness.unwrap_or(0.0));
+            let fact = format!(
+                "the hair is blurred: sharpness {sharpness:.2}, in the median view {:.2}",
+                usual_sharpness.unwrap_or(0.0)
+            );
             findings.push(
                 Finding::look("blurred", place(), fact)
                     .suffers("orient: little confidence, and fine strands are not told apart")

@@ -42,10 +42,17 @@ pub fn of_folder(root: &Path) -> Result<Evidence, EngineError> {
             }
             Err(error) => trouble.push(of_io("footage", &stated.name, &error)),
         }
-        trouble.extend(view.info.zip(size).and_then(|(info, size)| wrong_size("footage", &stated.name, (info.width, info.height), size)));
+        trouble.extend(
+            view.info
+                .zip(size)
+                .and_then(|(info, size)| wrong_size("footage", &stated.name, (info.width, info.height), size)),
+        );
         match strandflow_io::read_rgb(&root.join(&stated.plate)) {
             Ok(plate) => {
-                trouble.extend(size.and_then(|size| wrong_size("clean plate", &stated.name, (plate.width, plate.height), size)));
+                // A plate of the footage's size shares its fault, and that is said.
+                let (shape, like) = ((plate.width, plate.height), view.info.map(|info| (info.width, info.height)));
+                let size = size.filter(|_| like != Some(shape));
+                trouble.extend(size.and_then(|size| wrong_size("clean plate", &stated.name, shape, size)));
                 view.plate = Some(Arc::new(plate));
             }
             Err(error) => trouble.push(of_io("clean plate", &stated.name, &error)),
@@ -92,13 +99,20 @@ pub fn of_take(take: &Take) -> Result<Evidence, EngineError> {
         let info = SourceInfo { width: camera.width, height: camera.height, frame_count: frames.end, fps: None };
         let held_out = take.views().held_out().contains(&at);
         let hair = take.given_hair(at, frames.start)?;
-        Ok(ViewEvidence { name: camera.name.clone(), held_out, info: Some(info), source: None, plate: None, hair, subjects: BTreeMap::new() })
+        Ok(ViewEvidence {
+            name: camera.name.clone(),
+            held_out,
+            info: Some(info),
+            source: None,
+            plate: None,
+            hair,
+            subjects: BTreeMap::new(),
+        })
     };
     let views = names.map(view).collect::<Result<Vec<_>, EngineError>>()?;
     let labels = take.sources().labels(&rig, frames.start)?;
-    let points = |views: BTreeMap<usize, [f64; 2]>| {
-        views.into_iter().map(|(view, at)| (view, DVec2::from_array(at))).collect()
-    };
+    let points =
+        |views: BTreeMap<usize, [f64; 2]>| views.into_iter().map(|(view, at)| (view, DVec2::from_array(at))).collect();
     Ok(Evidence {
         root: take.root().to_owned(),
         mended: rig.clone(),
@@ -247,7 +261,11 @@ fn read_labels(file: &Path, views: &[ViewEvidence], first: usize, trouble: &mut 
     };
     if labels.frame != first {
         let fact = format!("the labels are of frame {}, the take begins at frame {first}", labels.frame);
-        trouble.push(cannot("labels-frame", fact, "label the markers in the take's first frame, or begin the take there"));
+        trouble.push(cannot(
+            "labels-frame",
+            fact,
+            "label the markers in the take's first frame, or begin the take there",
+        ));
     }
     let mut found = Vec::new();
     for marker in labels.markers {
@@ -258,8 +276,15 @@ fn read_labels(file: &Path, views: &[ViewEvidence], first: usize, trouble: &mut 
             if let Some(info) = views[view].info
                 && !(at.x >= 0.0 && at.y >= 0.0 && at.x <= info.width as f64 && at.y <= info.height as f64)
             {
-                let fact = format!("marker {} is labelled at ({:.0}, {:.0}) in view {name}, outside the image of {}×{}", marker.id, at.x, at.y, info.width, info.height);
-                trouble.push(cannot("label-outside", fact, "label it where the view shows it, in pixels of the footage"));
+                let fact = format!(
+                    "marker {} is labelled at ({:.0}, {:.0}) in view {name}, outside the image of {}×{}",
+                    marker.id, at.x, at.y, info.width, info.height
+                );
+                trouble.push(cannot(
+                    "label-outside",
+                    fact,
+                    "label it where the view shows it, in pixels of the footage",
+                ));
                 continue;
             }
             label.views.insert(view, at);

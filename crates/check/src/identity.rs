@@ -70,9 +70,13 @@ pub(crate) fn check(evidence: &mut Evidence) -> Outcome {
         if apart[view][view].is_some_and(|codes| codes > OTHER_PLATE) {
             let codes = apart[view][view].unwrap_or(0.0);
             findings.push(
-                Finding::look("other-plate", place, format!("at the image's border plate and footage differ by {codes:.0} of 255 codes"))
-                    .suffers("masks: background is taken for subject")
-                    .hint("is it this camera's plate, taken with the same light, exposure and position?"),
+                Finding::look(
+                    "other-plate",
+                    place,
+                    format!("at the image's border plate and footage differ by {codes:.0} of 255 codes"),
+                )
+                .suffers("masks: background is taken for subject")
+                .hint("is it this camera's plate, taken with the same light, exposure and position?"),
             );
         }
     }

@@ -54,7 +54,14 @@ impl Agreement {
             let all: Vec<(&Camera, DVec2)> = seen.iter().map(|(_, camera, at)| (*camera, *at)).collect();
             let consensus = triangulate(&all, tolerance);
             found.points.push(consensus.as_ref().map(|t| t.point));
-            let Some(consensus) = consensus.filter(|_| seen.len() >= TELLING) else { continue };
+            if seen.len() < TELLING {
+                continue;
+            }
+            let Some(consensus) = consensus else {
+                // No two views agree: none of them can be right in this.
+                found.residuals.extend(seen.iter().map(|&(view, ..)| Residual { marker, view, px: f64::INFINITY }));
+                continue;
+            };
             for (i, &(view, camera, at)) in seen.iter().enumerate() {
                 // Two of several that agree may do so by chance: they say that the others do not, and nothing of themselves.
                 if consensus.inliers.len() < TELLING && consensus.inliers.contains(&i) {

@@ -39,9 +39,11 @@ pub(crate) fn check(evidence: &mut Evidence) -> Outcome {
     let Some(&(shift, best)) = tried.iter().min_by(|a, b| a.1.total_cmp(&b.1)) else {
         return Outcome::unjudged("nothing to compare");
     };
-    let measured = format!("followed markers reproject to {given:.2} px; with the best further radial term {best:.2} px");
+    let measured =
+        format!("followed markers reproject to {given:.2} px; with the best further radial term {best:.2} px");
     let mut findings = Vec::new();
-    if best < FALLS_TO * given && shift.abs() >= MATTERS {
+    let mended = (best < FALLS_TO * given && shift.abs() >= MATTERS).then(|| bent(rig, shift));
+    if mended.is_some() {
         let (k1, corner) = in_numbers(&rig.cameras[0], shift);
         let fact = format!(
             "one radial term more lets the markers agree: {given:.2} px fall to {best:.2} px with k1 = {k1:+.3} in all views, which moves the corner of the image by {corner:.0} px"
@@ -59,6 +61,7 @@ pub(crate) fn check(evidence: &mut Evidence) -> Outcome {
                 .hint(hint),
         );
     }
+    evidence.mended = mended.unwrap_or_else(|| evidence.mended.clone());
     Outcome::of(measured, findings)
 }
 

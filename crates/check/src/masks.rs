@@ -38,7 +38,9 @@ pub(crate) fn check(evidence: &mut Evidence) -> Outcome {
             area.push(covered as f64 / subject.data.len().max(1) as f64);
             let first = frame == evidence.frames.start;
             if covered == 0 {
-                if !findings.iter().any(|f: &Finding| f.fault == "no-subject" && f.place.starts_with(&format!("view {},", evidence.name(view)))) {
+                if !findings.iter().any(|f: &Finding| {
+                    f.fault == "no-subject" && f.place.starts_with(&format!("view {},", evidence.name(view)))
+                }) {
                     findings.push(no_subject(&place));
                 }
             } else {
@@ -47,12 +49,16 @@ pub(crate) fn check(evidence: &mut Evidence) -> Outcome {
                 if hole > HOLE && !said(&findings, "mask-hole", evidence.name(view)) {
                     findings.push(of_hole(&place, hole));
                 }
-                findings.extend(report.findings.iter().filter(|f| f.consequence.contains("person") && first).map(|f| {
-                    Finding::look("another-part", place.clone(), f.fact.clone())
-                        .suffers("masks: the part without hair is taken for another person and left out")
-                        .hint("if it belongs to the subject, paint the subject mask of this frame")
-                }));
-                if let Some(share) = evidence.views[view].hair.as_ref().filter(|_| first).map(|hair| share_outside(hair, &subject)) {
+                findings.extend(report.findings.iter().filter(|f| f.consequence.contains("person") && first).map(
+                    |f| {
+                        Finding::look("another-part", place.clone(), f.fact.clone())
+                            .suffers("masks: the part without hair is taken for another person and left out")
+                            .hint("if it belongs to the subject, paint the subject mask of this frame")
+                    },
+                ));
+                if let Some(share) =
+                    evidence.views[view].hair.as_ref().filter(|_| first).map(|hair| share_outside(hair, &subject))
+                {
                     outside = outside.max(share);
                     if share > OUTSIDE {
                         findings.push(of_outside(&place, share));
@@ -146,7 +152,9 @@ pub(crate) fn hull(evidence: &mut Evidence) -> Outcome {
         let filled = match silhouettes::filled(moment, &grid, &settings) {
             Ok(filled) => filled,
             Err(error) => {
-                findings.push(of_error(&error));
+                if !findings.iter().any(|finding| finding.fault == "hull-empty") {
+                    findings.push(of_error(&error));
+                }
                 continue;
             }
         };
@@ -158,6 +166,10 @@ pub(crate) fn hull(evidence: &mut Evidence) -> Outcome {
         let found = blame(&filled).map(|blame| of_blame(evidence, &part, moment.frame, &blame));
         let new = found.filter(|new| !findings.iter().any(|f| f.fault == new.fault && view_of(f) == view_of(new)));
         findings.extend(new);
+    }
+    // Where a view is to blame in one frame, what has no culprit in another is most likely its work.
+    if findings.iter().any(|finding| finding.fault != "silhouettes-disagree") {
+        findings.retain(|finding| finding.fault != "silhouettes-disagree");
     }
     evidence.hull = silhouettes::whole(&moments[0], &grid, &settings).ok();
     let measured = format!(
@@ -189,26 +201,37 @@ fn moments(evidence: &Evidence, part: &[usize]) -> Vec<Moment> {
 }
 
 fn of_error(error: &strandflow_stages::StageError) -> Finding {
-    Finding::cannot("hull-empty", "masks", error.to_string()).suffers("hull: no volume, and no strand in these frames").hint(error.hint())
+    Finding::cannot("hull-empty", "masks", error.to_string())
+        .suffers("hull: no volume, and no strand in these frames")
+        .hint(error.hint())
 }
 
 fn of_blame(evidence: &Evidence, part: &[usize], frame: usize, blame: &Blame) -> Finding {
     let place = |at: usize| format!("view {}, frame {frame}", evidence.name(part[at]));
     match *blame {
         Blame::Leak(at, share, px) => {
-            let fact = format!("{:.1} % of its subject mask is where the other views see nothing (largest part {px} px)", 100.0 * share);
+            let fact = format!(
+                "{:.1} % of its subject mask is where the other views see nothing (largest part {px} px)",
+                100.0 * share
+            );
             Finding::look("mask-leak", place(at), fact)
                 .suffers("masks: background is taken for subject; the hull is not harmed while another view carves it")
                 .hint("did light or furniture change after the clean plate? Paint this mask, or take the plate anew")
         }
         Blame::Cut(at, share, losers) => {
-            let fact = format!("its mask costs {losers} other views {:.1} % of theirs: what they show is outside it", 100.0 * share);
-            Finding::look("mask-cut", place(at), fact)
-                .suffers("hull: head or hair is carved away")
-                .hint("look at this view's subject mask and plate; where they are right, at its calibration and its clock")
+            let fact = format!(
+                "its mask costs {losers} other views {:.1} % of theirs: what they show is outside it",
+                100.0 * share
+            );
+            Finding::look("mask-cut", place(at), fact).suffers("hull: head or hair is carved away").hint(
+                "look at this view's subject mask and plate; where they are right, at its calibration and its clock",
+            )
         }
         Blame::Several(share) => {
-            let fact = format!("the hull leaves up to {:.1} % of several masks empty, and no single view is to blame", 100.0 * share);
+            let fact = format!(
+                "the hull leaves up to {:.1} % of several masks empty, and no single view is to blame",
+                100.0 * share
+            );
             Finding::look("silhouettes-disagree", format!("frame {frame}"), fact)
                 .suffers("hull: head or hair is carved away")
                 .hint("calibration errors of a few pixels, or clocks that drift; look at what the other checks say")

@@ -63,10 +63,9 @@ impl Repair {
     pub fn in_words(self) -> (&'static str, &'static str) {
         match self {
             Self::TransposeRotation => ("R is transposed", "exchange rows and columns of R: x_cam = R x_world + t"),
-            Self::InvertPose => (
-                "the pose is camera to world",
-                "give world to camera: R transposed, and t = −Rᵀ t of what is given",
-            ),
+            Self::InvertPose => {
+                ("the pose is camera to world", "give world to camera: R transposed, and t = −Rᵀ t of what is given")
+            }
             Self::PlaceForTranslation => {
                 ("t is the camera's place in the world", "give t = −R · place: x_cam = R x_world + t")
             }
@@ -77,9 +76,10 @@ impl Repair {
             Self::MetresForMillimetres => {
                 ("t is in metres where the rest is in millimetres", "give all lengths in one unit, and name it")
             }
-            Self::NegateDistortion => {
-                ("the distortion has the wrong sign", "give coefficients that distort (OpenCV's), not those that undistort")
-            }
+            Self::NegateDistortion => (
+                "the distortion has the wrong sign",
+                "give coefficients that distort (OpenCV's), not those that undistort",
+            ),
             Self::DropDistortion => (
                 "the footage has no distortion, the calibration has",
                 "give zero distortion where the footage was undistorted, or the footage as it was recorded",
@@ -199,7 +199,8 @@ pub fn best_mend(rig: &Rig, labels: &[Label], now: &Agreement) -> Option<Mended>
     for mend in tried {
         let mended = mend.applied(rig);
         let agreement = Agreement::of(&mended, labels, now.tolerance);
-        let helped = mend.views().iter().all(|&view| agreement.count_of(view) > 0 && agreement.share_of(view) >= MENDED);
+        let helped =
+            mend.views().iter().all(|&view| agreement.count_of(view) > 0 && agreement.share_of(view) >= MENDED);
         let better = best.as_ref().is_none_or(|best| agreement.share() > best.agreement.share() + 1e-9);
         if helped && agreement.share() > now.share() && better {
             best = Some(Mended { mend, rig: mended, agreement });

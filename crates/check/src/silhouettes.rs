@@ -109,7 +109,10 @@ fn empty(moment: &Moment, view: usize, hull: &Occupancy) -> Plane<bool> {
     let mask = &moment.subjects[view];
     let covered = drawn(&moment.rig.cameras[view], hull);
     let inside = eroded(&mask.map(|&m| m >= 128), BORDER_PX);
-    Plane { data: inside.data.iter().zip(&covered.data).map(|(&inside, &covered)| inside && !covered).collect(), ..inside }
+    Plane {
+        data: inside.data.iter().zip(&covered.data).map(|(&inside, &covered)| inside && !covered).collect(),
+        ..inside
+    }
 }
 
 fn share(empty: &Plane<bool>, mask: &Mask) -> f64 {
@@ -161,7 +164,9 @@ pub fn blame(filled: &Filled) -> Option<Blame> {
     if lacking.is_empty() {
         return None;
     }
-    let others = |view: usize, shares: &[f64]| shares.iter().enumerate().filter(|(v, _)| *v != view).map(|(_, s)| s).sum::<f64>();
+    let others = |view: usize, shares: &[f64]| {
+        shares.iter().enumerate().filter(|(v, _)| *v != view).map(|(_, s)| s).sum::<f64>()
+    };
     let gain = |view: usize| others(view, &filled.empty) - others(view, &filled.without[view]);
     let guilty = (0..filled.empty.len()).max_by(|&a, &b| gain(a).total_cmp(&gain(b)))?;
     let loss = others(guilty, &filled.empty);

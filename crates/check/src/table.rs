@@ -2,7 +2,10 @@
 
 use serde::Serialize;
 
-use crate::{Evidence, Finding, Outcome, Verdict, calibration, conventions, cost, coverage, files, footage, identity, lens, masks, time};
+use crate::{
+    Evidence, Finding, Outcome, Verdict, calibration, conventions, cost, coverage, files, footage, identity, lens,
+    masks, time,
+};
 
 /// One check.
 pub struct Check {
@@ -73,5 +76,44 @@ pub fn check_quick(evidence: &mut Evidence) -> Vec<Said> {
 fn made(check: &Check, evidence: &mut Evidence) -> Said {
     let blind = evidence.mended.cameras.is_empty() && check.name != FIRST;
     let outcome = if blind { Outcome::unjudged("the calibration cannot be read") } else { (check.run)(evidence) };
-    Said { check: check.name, verdict: outcome.verdict(), measured: outcome.measured, findings: outcome.findings }
+    let (verdict, measured) = (outcome.verdict(), outcome.measured);
+    Said { check: check.name, verdict, measured, findings: said_once(outcome.findings, evidence.views.len()) }
+}
+
+/// Findings that differ in the view only become one.
+fn said_once(findings: Vec<Finding>, views: usize) -> Vec<Finding> {
+    let mut once: Vec<(Finding, Vec<String>)> = Vec::new();
+    for finding in findings {
+        let view = finding.place.strip_prefix("view ").filter(|name| !name.contains([',', ' '])).map(str::to_owned);
+        let same = once.iter_mut().find(|(other, names)| {
+            (other.fault, &other.fact, &other.hint) == (finding.fault, &finding.fact, &finding.hint)
+                && !names.is_empty()
+                && view.is_some()
+        });
+        match (same, view) {
+            (Some((_, names)), Some(view)) => names.push(view),
+            (_, view) => once.push((finding, view.into_iter().collect())),
+        }
+    }
+    let place = |(finding, names): (Finding, Vec<String>)| match names.len() {
+        0 | 1 => finding,
+        n if n == views => Finding { place: "all views".into(), ..finding },
+        _ => Finding { place: format!("view {}", names.join(" and ")), ..finding },
+    };
+    once.into_iter().map(place).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_said_of_several_views_is_said_once() {
+        let of = |view: &str, fact: &str| Finding::look("blurred", format!("view {view}"), fact);
+        let places = |findings, views| said_once(findings, views).into_iter().map(|f| f.place).collect::<Vec<_>>();
+        let found = vec![of("a", "x"), of("b", "y"), of("c", "x"), of("d", "x")];
+        assert_eq!(places(found.clone(), 9), ["view a and c and d", "view b"]);
+        assert_eq!(places(found.clone(), 3), ["all views", "view b"]);
+        assert_eq!(places(vec![of("a, frame 3", "x"), of("b, frame 3", "x")], 2).len(), 2);
+    }
 }

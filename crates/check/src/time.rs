@@ -33,7 +33,9 @@ pub(crate) fn check(evidence: &mut Evidence) -> Outcome {
         let copies: Vec<usize> = copies_of(&followed, view);
         let found = clock.as_ref().and_then(|clock| of_clock(clock, &copies, frames.start));
         evidence.out_of_time.extend(found.iter().map(|_| view));
-        findings.extend(found.map(|finding| Finding { place: format!("view {}{}", evidence.name(view), finding.place), ..finding }));
+        findings.extend(
+            found.map(|finding| Finding { place: format!("view {}{}", evidence.name(view), finding.place), ..finding }),
+        );
     }
     evidence.followed = followed;
     match in_words(&clocks, frames) {
@@ -49,7 +51,9 @@ fn in_words(clocks: &[Option<Clock>], frames: FrameRange) -> Result<String, Stri
     let largest = known.iter().map(|clock| clock.ahead.abs()).fold(0.0, f64::max);
     let error = known.iter().map(|clock| clock.error).fold(0.0, f64::max);
     match known.len() {
-        0 => Err(format!("in frames {frames} the markers move too little, or are lost, to tell one moment from another")),
+        0 => {
+            Err(format!("in frames {frames} the markers move too little, or are lost, to tell one moment from another"))
+        }
         n => Ok(format!(
             "{n} of {} views timed by their markers in frames {frames}: at most {largest:.2} frames apart (± {error:.2})",
             clocks.len()
@@ -71,9 +75,13 @@ fn of_clock(clock: &Clock, copies: &[usize], first: usize) -> Option<Finding> {
                 .hint("repeat or interpolate the frame there and cut the end, or take the frames before or after it with `frames`")
         } else {
             let what = if near { "a frame is there twice" } else { "the clip falls behind" };
-            Finding::look("repeated-frame", place, format!("{what}, and all later ones come {count:.0} frame(s) late: {moments}"))
-                .suffers(suffers)
-                .hint("take the repeated frame out, or take the frames before or after it with `frames`")
+            Finding::look(
+                "repeated-frame",
+                place,
+                format!("{what}, and all later ones come {count:.0} frame(s) late: {moments}"),
+            )
+            .suffers(suffers)
+            .hint("take the repeated frame out, or take the frames before or after it with `frames`")
         });
     }
     let late = clock.ahead;
@@ -85,8 +93,12 @@ fn of_clock(clock: &Clock, copies: &[usize], first: usize) -> Option<Finding> {
     let whole = late.abs().round();
     let hint = match late > 0.0 {
         _ if whole < 1.0 => "trigger the cameras together; less than a frame cannot be cut away".into(),
-        true => format!("the clip {way}: cut {whole:.0} frame(s) from the beginning of the other clips, and as many from this one's end"),
-        false => format!("the clip {way}: cut {whole:.0} frame(s) from its beginning, and as many from the end of the others"),
+        true => format!(
+            "the clip {way}: cut {whole:.0} frame(s) from the beginning of the other clips, and as many from this one's end"
+        ),
+        false => format!(
+            "the clip {way}: cut {whole:.0} frame(s) from its beginning, and as many from the end of the others"
+        ),
     };
     Some(Finding::look("offset", "", fact).suffers(suffers).hint(hint))
 }

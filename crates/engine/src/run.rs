@@ -246,13 +246,7 @@ impl Runner<'_> {
     }
 
     /// Decides whether the item has to be done, and does it.
-    fn settle(
-        &self,
-        stage: &Stage,
-        phase: &Phase,
-        item: Item,
-        key: &str,
-    ) -> (Outcome, Vec<Finding>, Option<Failure>) {
+    fn settle(&self, stage: &Stage, phase: &Phase, item: Item, key: &str) -> (Outcome, Vec<Finding>, Option<Failure>) {
         let store = self.job.take.store();
         let inputs = match stage.inputs(phase, &self.job, item) {
             Ok(inputs) => inputs,

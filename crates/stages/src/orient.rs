@@ -208,10 +208,7 @@ impl Trust {
         let waves = settings.wavelengths_px.iter().copied();
         let (short, long) = (waves.clone().fold(f32::INFINITY, f32::min), waves.fold(0.0, f32::max));
         let sharpness = focus::sharpness(detail, inside, focus::noise_of(image, subject), short);
-        Self {
-            exposure: exposure::exposure(image, region, inside, 0.5 * long),
-            sharpness,
-        }
+        Self { exposure: exposure::exposure(image, region, inside, 0.5 * long), sharpness }
     }
 
     /// Sharpness of hair that is blurred.

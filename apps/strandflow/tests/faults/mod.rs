@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec2;
-use strandflow_core::{Camera, Distortion, Mask, Plane, Rig, RgbImage};
+use strandflow_core::{Camera, Distortion, Mask, Plane, RgbImage, Rig};
 use strandflow_geometry::project::{distort, undistort};
 use strandflow_io::{Calibration, read_calibration, read_mask, read_rgb, write_mask_png, write_rgb_png};
 
