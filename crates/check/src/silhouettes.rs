@@ -171,7 +171,8 @@ pub fn blame(filled: &Filled) -> Option<Blame> {
     let guilty = (0..filled.empty.len()).max_by(|&a, &b| gain(a).total_cmp(&gain(b)))?;
     let loss = others(guilty, &filled.empty);
     let losers = lacking.iter().filter(|&&view| view != guilty).count();
-    if losers > 0 && gain(guilty) > 0.6 * loss {
+    // One mask alone that is not filled shows too much: a cut that costs a single view is rare.
+    if losers > 1 && gain(guilty) > 0.6 * loss {
         let mean = gain(guilty) / (filled.empty.len() - 1) as f64;
         return Some(Blame::Cut(guilty, mean, losers));
     }
