@@ -75,7 +75,13 @@ pub fn filled(moment: &Moment, grid: &Grid, settings: &HullSettings) -> Result<F
         .par_iter()
         .map(|&left_out| {
             let rest: Vec<usize> = all.iter().copied().filter(|&view| view != left_out).collect();
-            let Ok(hull) = hull_of(moment, &rest, grid, settings) else { return vec![1.0; all.len()] };
+            // On a grid of its own: a view that cuts the hull cuts the grid that it helps to make.
+            let (rig, masks) = part(moment, &rest);
+            let masks: Vec<Mask> = masks.into_iter().cloned().collect();
+            let grid = grid_of_take(&rig, &masks, settings, &mut Report::default());
+            let Ok(hull) = grid.and_then(|grid| hull_of(moment, &rest, &grid, settings)) else {
+                return vec![1.0; all.len()];
+            };
             let of = |&view: &usize| match view == left_out {
                 true => 0.0,
                 false => share(&empty(moment, view, &hull), &moment.subjects[view]),
@@ -96,9 +102,14 @@ pub fn whole(moment: &Moment, grid: &Grid, settings: &HullSettings) -> Result<Oc
 }
 
 fn hull_of(moment: &Moment, views: &[usize], grid: &Grid, settings: &HullSettings) -> Result<Occupancy, StageError> {
-    let rig = Rig { cameras: views.iter().map(|&view| moment.rig.cameras[view].clone()).collect() };
-    let masks: Vec<&Mask> = views.iter().map(|&view| &moment.subjects[view]).collect();
+    let (rig, masks) = part(moment, views);
     hull(&rig, &masks, grid, moment.frame, settings, &mut Report::default())
+}
+
+/// Cameras and masks of some views.
+fn part<'a>(moment: &'a Moment, views: &[usize]) -> (Rig, Vec<&'a Mask>) {
+    let cameras = views.iter().map(|&view| moment.rig.cameras[view].clone()).collect();
+    (Rig { cameras }, views.iter().map(|&view| &moment.subjects[view]).collect())
 }
 
 /// Pixels from a mask's border that are not compared: voxels and matte are coarser than that.
