@@ -49,7 +49,7 @@ const FRAMES: usize = 30;
 
 /// The mean of two images.
 fn mean(a: &RgbImage, b: &RgbImage) -> RgbImage {
-    let half = |a: u8, b: u8| ((u16::from(a) + u16::from(b) + 1) / 2) as u8;
+    let half = |a: u8, b: u8| (u16::from(a) + u16::from(b)).div_ceil(2) as u8;
     let data = a.data.iter().zip(&b.data).map(|(a, b)| [0, 1, 2].map(|c| half(a[c], b[c]))).collect();
     RgbImage { data, ..*a }
 }
