@@ -17,6 +17,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("view", &["core"]),
     ("synth", &["core", "geometry", "dynamics"]),
     ("engine", &["core", "geometry", "image", "volume", "dynamics", "stages", "io"]),
+    ("check", &["core", "geometry", "image", "stages", "io", "engine"]),
 ];
 
 #[test]

@@ -37,6 +37,7 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failed> {
         frames: None,
         mode: None,
         threads: args.threads,
+        unchecked: false,
         json: false,
     })?;
     let scores = take.join("scores.json");

@@ -9,6 +9,7 @@ mod annotate;
 mod args;
 mod bench;
 mod capture_files;
+mod check;
 mod demo;
 mod evaluate;
 mod export;
@@ -49,6 +50,7 @@ fn main() -> ExitCode {
         .init();
     let result = match args.command {
         Command::New(args) => new::new(&args),
+        Command::Check(args) => check::check(&args),
         Command::Run(args) => run::run(&args),
         Command::Status(args) => status::status(&args),
         Command::Evaluate(args) => evaluate::evaluate(&args),

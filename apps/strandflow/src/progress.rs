@@ -6,6 +6,7 @@ use std::{
 };
 
 use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
+use strandflow_core::Finding;
 use strandflow_engine::{Event, Outcome};
 
 /// Failures shown in words per phase; the rest is counted in the summary.
@@ -26,6 +27,12 @@ impl Progress {
     pub fn show(&self, event: &Event) {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
+            Event::Checked { findings } => {
+                for Finding { fact, consequence, .. } in findings {
+                    eprintln!("warning: {fact}\n  {consequence}");
+                }
+                eprintln!("hint: `strandflow check` looks at more, and says what to do");
+            }
             Event::Outdated { phases } => {
                 eprintln!("warning: --from takes the stages before it as they are, and these are not up to date:");
                 phases.iter().for_each(|phase| eprintln!("  {phase}"));

@@ -5,6 +5,8 @@ use std::sync::{
     atomic::{AtomicBool, Ordering},
 };
 
+use strandflow_check::{Verdict, check_quick, gather};
+use strandflow_core::{Finding, Place};
 use strandflow_engine::{
     Event, RunOptions, STAGES, Summary, Take,
     run::{PhaseSummary, run as run_stages},
@@ -14,9 +16,10 @@ use strandflow_engine::{
 use crate::{args::RunArgs, failure::Failed, progress::Progress, stdout::print};
 
 pub fn run(args: &RunArgs) -> Result<(), Failed> {
-    let options = options(args)?;
+    let mut options = options(args)?;
     let take = Take::open(&args.take)?;
     let plan = take.plan(args.mode.map(Into::into), args.frames)?;
+    options.found = look_over(&take, args.unchecked)?;
     let stop = stop_on_ctrl_c();
     let summary = if args.json {
         run_stages(&take, &plan, &options, &stop, &print_json)?
@@ -30,6 +33,22 @@ pub fn run(args: &RunArgs) -> Result<(), Failed> {
     conclude(&summary)
 }
 
+/// The checks that decode no image: what cannot work is refused, the rest is told.
+fn look_over(take: &Take, unchecked: bool) -> Result<Vec<Finding>, Failed> {
+    let said = check_quick(&mut gather::of_take(take)?);
+    let findings: Vec<_> = said.into_iter().flat_map(|said| said.findings).collect();
+    if let Some(grave) = findings.iter().find(|finding| finding.verdict == Verdict::CannotWork && !unchecked) {
+        let hint = format!("{}; `strandflow check` says more, `--unchecked` runs all the same", grave.hint);
+        return Err(Failed::input(format!("{}: {} [{}]", grave.place, grave.fact, grave.fault), hint));
+    }
+    let told = |finding: strandflow_check::Finding| Finding {
+        place: Place::default(),
+        fact: format!("{}: {} [{}]", finding.place, finding.fact, finding.fault),
+        consequence: format!("{}; {}", finding.suffers, finding.hint),
+    };
+    Ok(findings.into_iter().map(told).collect())
+}
+
 fn options(args: &RunArgs) -> Result<RunOptions, Failed> {
     let default = RunOptions::default();
     let from = args.from.as_deref().map_or(Ok(default.from), stage_index)?;
@@ -38,7 +57,7 @@ fn options(args: &RunArgs) -> Result<RunOptions, Failed> {
         let hint = format!("{} comes after {}", STAGES[from].name, STAGES[to].name);
         return Err(Failed::input("--from names a later stage than --to", hint));
     }
-    Ok(RunOptions { from, to, threads: args.threads.unwrap_or(default.threads) })
+    Ok(RunOptions { from, to, threads: args.threads.unwrap_or(default.threads), ..default })
 }
 
 /// The first Ctrl-C stops between items; the second ends the program, which costs the items in flight and no more.

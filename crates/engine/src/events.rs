@@ -23,6 +23,11 @@ pub enum Outcome {
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
+    /// What was found wrong with the take before the first stage; the run goes on.
+    Checked {
+        /// The findings.
+        findings: Vec<Finding>,
+    },
     /// The run begins after the first stage, and stages before it are not up to date: what it makes rests on them as
     /// they are.
     Outdated {

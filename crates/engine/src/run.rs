@@ -10,7 +10,7 @@ use std::{
     time::{Instant, SystemTime, UNIX_EPOCH},
 };
 
-use strandflow_core::{Place, Report};
+use strandflow_core::{Finding, Place, Report};
 
 use crate::{
     EngineError, Plan, Take,
@@ -33,12 +33,14 @@ pub struct RunOptions {
     pub to: usize,
     /// Threads; also the most items in flight.
     pub threads: usize,
+    /// What was found wrong with the take before: logged and told first.
+    pub found: Vec<Finding>,
 }
 
 impl Default for RunOptions {
     fn default() -> Self {
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        Self { from: 0, to: STAGES.len() - 1, threads }
+        Self { from: 0, to: STAGES.len() - 1, threads, found: Vec::new() }
     }
 }
 
@@ -125,6 +127,11 @@ pub fn run(
         .build()
         .map_err(|error| EngineError::disk(take.root(), error))?;
     let log = Log::open(take)?;
+    if !options.found.is_empty() {
+        let checked = Event::Checked { findings: options.found.clone() };
+        log.write(&checked);
+        audience(&checked);
+    }
     let mut outdated = status_before(take, plan, options.from)?;
     outdated.retain(|phase| !phase.is_done());
     if !outdated.is_empty() {
@@ -240,13 +247,7 @@ impl Runner<'_> {
     }
 
     /// Decides whether the item has to be done, and does it.
-    fn settle(
-        &self,
-        stage: &Stage,
-        phase: &Phase,
-        item: Item,
-        key: &str,
-    ) -> (Outcome, Vec<strandflow_core::Finding>, Option<Failure>) {
+    fn settle(&self, stage: &Stage, phase: &Phase, item: Item, key: &str) -> (Outcome, Vec<Finding>, Option<Failure>) {
         let store = self.job.take.store();
         let inputs = match stage.inputs(phase, &self.job, item) {
             Ok(inputs) => inputs,
@@ -279,7 +280,7 @@ impl Runner<'_> {
         }
     }
 
-    fn failed(&self, key: &str, error: &EngineError) -> (Outcome, Vec<strandflow_core::Finding>, Option<Failure>) {
+    fn failed(&self, key: &str, error: &EngineError) -> (Outcome, Vec<Finding>, Option<Failure>) {
         let failure = failure_of(error);
         let store = self.job.take.store();
         // Where even this cannot be written, the summary still has it.

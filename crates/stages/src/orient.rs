@@ -156,11 +156,45 @@ pub fn orient(
     Ok(map)
 }
 
+/// How a view shows the hair.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Footage {
+    /// Energy of the hair's finest texture over that of one twice as coarse: about 1 where hair is sharp. `None` where there
+    /// is too little hair to tell.
+    pub sharpness: Option<f32>,
+    /// Share of the hair with a clipped channel.
+    pub overexposed: f32,
+}
+
+impl Footage {
+    /// Whether [`orient`] takes the hair for blurred.
+    pub fn is_blurred(&self) -> bool {
+        self.sharpness.is_some_and(|found| found < focus::SHARP)
+    }
+
+    /// Whether [`orient`] finds the hair overexposed.
+    pub fn is_overexposed(&self) -> bool {
+        self.overexposed > OVEREXPOSED
+    }
+}
+
+/// How an image shows the hair, by the measures of [`orient`] itself; `None` where the hair mask is empty. All of one size.
+pub fn footage(image: &RgbImage, hair: &Mask, subject: &Mask, settings: &OrientSettings) -> Option<Footage> {
+    let bounds = Region::bounding(hair, |&m| m >= 128)?;
+    let margin = settings.wavelengths_px.iter().fold(0.0f32, |a, &b| a.max(b)) as usize + 2;
+    let region = bounds.grown(margin, image.width, image.height);
+    let coverage = region.crop(hair, |&m| f32::from(m) / 255.0);
+    let inside = region.crop(hair, |&m| m >= 128);
+    let detail = detail(&region.crop(image, |&c| luma_of(c)), &coverage, settings);
+    let trust = Trust::of(image, (region, &inside), subject, &detail, settings);
+    Some(Footage { sharpness: trust.sharpness, overexposed: trust.exposure.share })
+}
+
 /// How far the footage of a view can be believed at all.
 struct Trust {
     exposure: exposure::Exposure,
-    /// Sharpness of hair that is blurred.
-    blurred: Option<f32>,
+    /// Sharpness of the hair, where there is enough to tell.
+    sharpness: Option<f32>,
 }
 
 impl Trust {
@@ -174,10 +208,12 @@ impl Trust {
         let waves = settings.wavelengths_px.iter().copied();
         let (short, long) = (waves.clone().fold(f32::INFINITY, f32::min), waves.fold(0.0, f32::max));
         let sharpness = focus::sharpness(detail, inside, focus::noise_of(image, subject), short);
-        Self {
-            exposure: exposure::exposure(image, region, inside, 0.5 * long),
-            blurred: sharpness.filter(|&found| found < focus::SHARP),
-        }
+        Self { exposure: exposure::exposure(image, region, inside, 0.5 * long), sharpness }
+    }
+
+    /// Sharpness of hair that is blurred.
+    fn blurred(&self) -> Option<f32> {
+        self.sharpness.filter(|&found| found < focus::SHARP)
     }
 
     fn say(&self, place: &Place, report: &mut Report) {
@@ -185,7 +221,7 @@ impl Trust {
             let fact = format!("{:.0} % of the hair is overexposed", 100.0 * self.exposure.share);
             report.warn(place.clone(), fact, "patches of it have no confidence");
         }
-        if let Some(found) = self.blurred {
+        if let Some(found) = self.blurred() {
             let fact = format!("the hair is blurred (sharpness {found:.2}, {} or more is sharp)", focus::SHARP);
             report.warn(place.clone(), fact, "out of focus or too fast: confidence is lowered over the whole view");
         }
@@ -195,7 +231,7 @@ impl Trust {
         if let Some(trust) = &self.exposure.trust {
             confidence.data.iter_mut().zip(&trust.data).for_each(|(c, t)| *c *= t);
         }
-        if let Some(found) = self.blurred {
+        if let Some(found) = self.blurred() {
             confidence.data.iter_mut().for_each(|c| *c *= found / focus::SHARP);
         }
     }

@@ -4,6 +4,7 @@ use clap::{Parser, Subcommand};
 
 mod animate;
 mod annotate;
+mod check;
 mod evaluate;
 mod export;
 mod new;
@@ -15,6 +16,7 @@ mod view;
 pub use self::{
     animate::AnimateArgs,
     annotate::AnnotateArgs,
+    check::CheckArgs,
     evaluate::EvaluateArgs,
     export::{ExportArgs, ExportStage, Format, TargetArg},
     new::NewArgs,
@@ -28,6 +30,7 @@ const FIRST_STEPS: &str = "\
 First steps:
   strandflow demo                           a small synthetic take, all stages, scores, exports
   strandflow new TAKE --capture DIR         footage, clean plates, a calibration of any format (docs/capture.md)
+  strandflow check TAKE                     what is wrong with the rig, the footage or the labels, if anything
   strandflow run TAKE                       resumes where it stopped; Ctrl-C loses nothing
   strandflow status TAKE
   strandflow export TAKE --stage blend --to usd OUT.usdc";
@@ -48,6 +51,8 @@ pub struct Args {
 pub enum Command {
     /// Make a take for footage and a calibration; says what it guesses, copies no footage.
     New(NewArgs),
+    /// Look a take over before a run: calibration, clocks, footage, masks, markers; says what is wrong and what to do.
+    Check(CheckArgs),
     /// Run the stages; resumes where a run stopped, repeats what is stale.
     Run(RunArgs),
     /// What is done, stale, missing or failed, and why.

@@ -33,6 +33,9 @@ pub struct RunArgs {
     /// Threads; also the most work items in memory. All cores by default.
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
+    /// Run also where the look over the take before the first stage finds what cannot work.
+    #[arg(long)]
+    pub unchecked: bool,
     /// Print events as lines of JSON instead of progress bars.
     #[arg(long)]
     pub json: bool,
