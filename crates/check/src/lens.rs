@@ -105,12 +105,17 @@ fn rms(rig: &Rig, observations: &[Seen]) -> f64 {
 /// The rig with a radial term more in all views, which shifts the corner of each image by a share of its distance.
 fn bent(rig: &Rig, shift: f64) -> Rig {
     let bend = |camera: &Camera| {
-        let mut terms = match camera.distortion {
-            Distortion::None => [0.0; 8],
-            Distortion::BrownConrady(terms) => terms,
-        };
-        terms[0] += in_numbers(camera, shift).0;
-        Camera { distortion: Distortion::BrownConrady(terms), ..camera.clone() }
+        let k1 = in_numbers(camera, shift).0;
+        let mut bent = camera.clone();
+        match &mut bent.distortion {
+            Distortion::None => bent.distortion = Distortion::BrownConrady([k1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+            Distortion::BrownConrady(terms) => terms[0] += k1,
+            Distortion::Tilted(terms) => terms[0] += k1,
+            Distortion::Polynomial(lens) => lens.radial[0] += k1,
+            // One angle is the whole lens: there is no term to miss.
+            Distortion::Fov(_) => {}
+        }
+        bent
     };
     Rig { cameras: rig.cameras.iter().map(bend).collect() }
 }

@@ -98,7 +98,7 @@ fn subject(evidence: &Evidence, view: usize, frame: usize, report: &mut Report) 
         plate,
         given_subject: given.as_ref(),
         given_hair: Some(key).filter(|_| first),
-        previous: None,
+        neighbour: None,
         key: Some(key),
         look: None,
         edge: None,
