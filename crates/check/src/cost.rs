@@ -30,7 +30,7 @@ pub struct Cost {
     pub disk_mb: f64,
 }
 
-/// Core seconds and megabytes of a unit, from runs of both captures of `docs/results.md` on two cores: images (masks, pose,
+/// Core seconds and megabytes of a unit, from a run of dev-straight (the disk also of dev-long-wavy) of `docs/results.md` on two cores: images (masks, pose,
 /// orient), volumes (hull, lift, field, flow), strands (grow to blend). Strands of twice the length cost twice as much, and the
 /// estimate does not know that: it is good to a factor of two.
 const SECS_A_MEGAPIXEL: f64 = 1.4;
