@@ -19,7 +19,9 @@ pub fn run(args: &RunArgs) -> Result<(), Failed> {
     let mut options = options(args)?;
     let take = Take::open(&args.take)?;
     let plan = take.plan(args.mode.map(Into::into), args.frames)?;
-    options.found = look_over(&take, args.unchecked)?;
+    if options.from == 0 {
+        options.found = look_over(&take, args.unchecked)?;
+    }
     let stop = stop_on_ctrl_c();
     let summary = if args.json {
         run_stages(&take, &plan, &options, &stop, &print_json)?
@@ -33,7 +35,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failed> {
     conclude(&summary)
 }
 
-/// The checks that decode no image: what cannot work is refused, the rest is told.
+/// The checks that decode no image: what cannot work is refused, the rest is told. A run from a later stage rests on results.
 fn look_over(take: &Take, unchecked: bool) -> Result<Vec<Finding>, Failed> {
     let said = check_quick(&mut gather::of_take(take)?);
     let findings: Vec<_> = said.into_iter().flat_map(|said| said.findings).collect();

@@ -9,6 +9,7 @@ use strandflow_engine::{Take, footage::numbered};
 use strandflow_eval::{
     Summary, Table,
     sketches::{CurveDistance, distance_to_strand, drawn_strand, length},
+    statistics::variation,
 };
 use strandflow_geometry::sketch::curve_from_drawings;
 use strandflow_io::sketches::read_sketches;
@@ -48,6 +49,9 @@ pub fn score(take: &Take, only: Option<&str>) -> Result<Vec<SketchScores>, Faile
     let stages = SEQUENCE_STAGES.iter().filter(|name| only.is_none_or(|only| only == **name));
     let sequences: Vec<(&str, StrandSequence)> =
         stages.filter_map(|name| Some((*name, take.read_sequence(name).ok()?))).collect();
+    if sequences.is_empty() {
+        return Ok(Vec::new());
+    }
     let mut scores = Vec::new();
     for (id, frames) in drawn {
         let mut of_strand: Vec<SketchScores> = frames.iter().map(|drawn| unscored(id, drawn)).collect();
@@ -181,21 +185,19 @@ pub fn tables(scores: &[SketchScores]) -> Vec<Table> {
         let off = Summary::of(found.iter().map(|(_, d)| d.mean_mm)).mean;
         let worst = found.iter().map(|(_, d)| d.worst_mm).fold(0.0, f64::max);
         let ratio = Summary::of(found.iter().map(|(score, d)| 100.0 * (d.strand_mm / score.length_mm - 1.0))).mean;
-        let numbers = [off, worst, ratio, variation(&found)].map(|number| format!("{number:.2}"));
-        means.row(*name, [found.len().to_string()].into_iter().chain(numbers));
+        let numbers = [off, worst, ratio].map(|number| format!("{number:.2}"));
+        let varies = length_variation(&found).map_or("-".into(), |percent| format!("{percent:.2}"));
+        means.row(*name, [found.len().to_string()].into_iter().chain(numbers).chain([varies]));
     }
     vec![each, means]
 }
 
-/// Mean over strands of the standard deviation of the length over time, in percent of its mean.
-fn variation(found: &[(&SketchScores, CurveDistance)]) -> f64 {
+/// Mean over strands of the variation of the length over time, in percent; `None` where no strand was drawn in three frames.
+fn length_variation(found: &[(&SketchScores, CurveDistance)]) -> Option<f64> {
     let mut by_strand: BTreeMap<u32, Vec<f64>> = BTreeMap::new();
     for (score, distance) in found {
         by_strand.entry(score.id).or_default().push(distance.strand_mm);
     }
-    let share = |lengths: &Vec<f64>| {
-        let mean = lengths.iter().sum::<f64>() / lengths.len() as f64;
-        100.0 * (lengths.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / lengths.len() as f64).sqrt() / mean
-    };
-    by_strand.values().map(share).sum::<f64>() / by_strand.len() as f64
+    let each = Summary::of(by_strand.values().filter_map(|lengths| variation(lengths)));
+    (each.count > 0).then_some(100.0 * each.mean)
 }

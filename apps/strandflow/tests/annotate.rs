@@ -246,8 +246,23 @@ fn a_run_uses_what_was_handed_in_and_repeats_no_more() {
     assert_eq!(written["strands"].as_array().unwrap().len(), 1);
     assert_eq!((desk.json("/api/sketches/2"), &desk.json("/api/work")["sketches"]), (sketch, &json!([2])));
     assert_eq!(bytes_below(&capture), kept, "the capture is as it was");
+    let scored = common::strandflow(&["evaluate", common::text(&take), "--sketches"]);
+    common::assert_bad_input(&scored, &["nothing to score"]);
     assert!(done_by_run(&take, "pose").len() <= 6, "hulls of the frame with another subject");
     assert_eq!(done_by_run(&take, "pose"), keys(&[]));
+
+    // The file may hold labels of views that the take leaves out: they stay, and what is added is saved.
+    let file = take.join("user/marker_labels.json");
+    let mut labels: Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    labels["markers"][0]["views"]["left out"] = json!([1.0, 2.0]);
+    std::fs::write(&file, labels.to_string()).unwrap();
+    let mut more = desk.json("/api/labels");
+    more["markers"][1]["views"]["cam00"] = json!([3.5, 4.5]);
+    let saved = desk.put("/api/labels", &desk.version("/api/labels"), more.to_string().as_bytes());
+    assert_eq!(saved.status, 204, "{}", String::from_utf8_lossy(&saved.body));
+    assert_eq!(desk.json("/api/labels"), more);
+    more["markers"][1]["views"]["another"] = json!([3.5, 4.5]);
+    assert_eq!(desk.put("/api/labels", &desk.version("/api/labels"), more.to_string().as_bytes()).status, 400);
 }
 
 /// What of both pages needs no browser: `web/test/*.test.ts`.

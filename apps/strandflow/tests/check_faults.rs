@@ -222,7 +222,48 @@ fn planted_faults_are_found_and_named() {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    run_refuses_only_what_cannot_work(&sound);
     keep(&rows.join("\n"));
+}
+
+/// `run` looks a take over, too; what it refuses wrongly, nobody gets.
+fn run_refuses_only_what_cannot_work(sound: &Sound) {
+    let run = |take: &Copy, more: &[&str]| {
+        strandflow(&[&["run", text(&take.take), "--to", "masks", "--frames", "0..1"], more].concat())
+    };
+    let transposed = |take: &mut Copy| {
+        take.camera(2, |camera| camera.camera_from_world.rotation = camera.camera_from_world.rotation.transpose());
+    };
+    let mut faulty = sound.copy("run-faulty");
+    transposed(&mut faulty);
+    let refused = run(&faulty, &[]);
+    assert!(
+        refused.status.code() == Some(2) && stderr(&refused).contains("transposed-rotation"),
+        "{}",
+        stderr(&refused)
+    );
+    assert!(stderr(&refused).contains("--unchecked"), "{}", stderr(&refused));
+    assert!(run(&faulty, &["--unchecked"]).status.success());
+
+    let mut held_out = sound.copy("run-held-out");
+    transposed(&mut held_out);
+    held_out.replace("# held_out = [\"cam03\"]", "held_out = [\"cam02\"]");
+    let warned = run(&held_out, &[]);
+    assert!(warned.status.success() && stderr(&warned).contains("transposed-rotation"), "{}", stderr(&warned));
+
+    let mut few = sound.copy("run-three-views");
+    few.keep_views(3);
+    let mut hidden = sound.copy("run-hidden-markers");
+    hidden.labels(|markers| {
+        for marker in markers {
+            let views = marker["views"].as_object_mut().expect("views by name");
+            views.retain(|view, _| view != "cam00" && view != "cam05");
+        }
+    });
+    for take in [few, hidden] {
+        let passed = run(&take, &[]);
+        assert!(passed.status.success(), "{}: {}", take.take.display(), stderr(&passed));
+    }
 }
 
 /// Plants and checks, a few at a time, in the order of the table.

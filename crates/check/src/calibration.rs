@@ -10,7 +10,7 @@ use crate::{
 };
 
 /// Fewest markers a pose rests on, each in two views or more; `run` refuses fewer.
-const MARKERS_NEEDED: usize = 5;
+pub(crate) const MARKERS_NEEDED: usize = 5;
 /// Thickness of the markers' cloud against its length below which they lie on a line: turning about it is not seen.
 const LINE: f64 = 0.05;
 
@@ -47,7 +47,7 @@ const JUDGED: usize = 3;
 
 /// The check `calibration`: mends the rig as far as it can, names what it did, and what is left.
 pub(crate) fn calibration(evidence: &mut Evidence) -> Outcome {
-    let tolerance = evidence.settings.pose.inlier_px;
+    let tolerance = evidence.label_tolerance();
     let labels = evidence.labels.clone();
     let judged = labels.iter().filter(|label| label.views.len() >= JUDGED).count();
     if judged == 0 {
@@ -65,7 +65,7 @@ pub(crate) fn calibration(evidence: &mut Evidence) -> Outcome {
     let wrong = now.disagreeing(rig.view_count());
     findings.extend(unexplained(evidence, &wrong, &now));
     findings.extend(of_labels(evidence, &rig, &labels, &now));
-    findings.extend(on_a_line(&now.points));
+    findings.extend(on_a_line(&now.sure_points()));
     evidence.mended = rig;
     evidence.distrusted = wrong;
     Outcome::of(measured, findings)
@@ -91,7 +91,7 @@ fn of_mend(evidence: &Evidence, mend: &Mend, before: &Agreement, after: &Agreeme
         _ => format!("view {}", evidence.names(&views)),
     };
     let suffers = "hull: volume is carved away where it is; pose and lines follow";
-    match mend {
+    let finding = match mend {
         Mend::Exchange(..) => Finding::cannot(
             "swapped-views",
             place,
@@ -104,8 +104,8 @@ fn of_mend(evidence: &Evidence, mend: &Mend, before: &Agreement, after: &Agreeme
             let (fact, hint) = repair.in_words();
             Finding::cannot(repair.fault(), place, format!("{fact}: {fall}")).hint(hint)
         }
-    }
-    .suffers(suffers)
+    };
+    evidence.unless_held_out(&views, finding.suffers(suffers))
 }
 
 /// Pixels in words.
@@ -119,8 +119,9 @@ fn px(value: f64) -> String {
 
 /// Views that disagree and that no repair mends.
 fn unexplained(evidence: &Evidence, wrong: &[usize], now: &Agreement) -> Vec<Finding> {
-    let count = |view: &usize| !evidence.views[*view].held_out;
-    if wrong.iter().filter(|view| count(view)).count() * 2 > evidence.views.len() {
+    let is_used = |view: &usize| !evidence.views[*view].held_out;
+    let used = (0..evidence.views.len()).filter(is_used).count();
+    if wrong.iter().filter(|view| is_used(view)).count() * 2 > used {
         let fact = format!(
             "{:.0} % of the labels agree within {:.1} px, and no repair that was tried mends it",
             100.0 * now.share(),
@@ -188,12 +189,11 @@ fn exchanged(rig: &Rig, labels: &[Label], tolerance: f64, outliers: &[Residual])
 }
 
 /// Markers on a line do not fix a pose.
-fn on_a_line(points: &[Option<DVec3>]) -> Vec<Finding> {
-    let known: Vec<DVec3> = points.iter().flatten().copied().collect();
-    if known.len() < MARKERS_NEEDED {
+fn on_a_line(points: &[DVec3]) -> Vec<Finding> {
+    if points.len() < MARKERS_NEEDED {
         return Vec::new();
     }
-    let (length, breadth) = length_and_breadth(&known);
+    let (length, breadth) = length_and_breadth(points);
     if breadth >= LINE * length {
         return Vec::new();
     }
@@ -243,9 +243,9 @@ mod tests {
 
     #[test]
     fn a_line_is_told_from_a_cloud() {
-        let line: Vec<_> = (0..6).map(|i| Some(DVec3::new(i as f64 * 20.0, (i % 2) as f64, 3.0))).collect();
+        let line: Vec<_> = (0..6).map(|i| DVec3::new(i as f64 * 20.0, (i % 2) as f64, 3.0)).collect();
         assert_eq!(on_a_line(&line)[0].fault, "markers-on-a-line");
-        let cloud: Vec<_> = (0..6).map(|i| Some(DVec3::new(i as f64 * 20.0, (i % 3) as f64 * 30.0, 3.0))).collect();
+        let cloud: Vec<_> = (0..6).map(|i| DVec3::new(i as f64 * 20.0, (i % 3) as f64 * 30.0, 3.0)).collect();
         assert!(on_a_line(&cloud).is_empty());
     }
 }

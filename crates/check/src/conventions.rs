@@ -2,7 +2,10 @@
 
 use glam::{DMat3, DVec2, DVec3};
 use strandflow_core::{Camera, Mask, Rig, RigidTransform};
-use strandflow_geometry::{project::depth, triangulate::midpoint};
+use strandflow_geometry::{
+    project::{depth, project},
+    triangulate::midpoint,
+};
 
 use crate::{
     Evidence, Finding, Outcome,
@@ -11,9 +14,8 @@ use crate::{
 
 /// The middle of the labelled markers \[mm\], as the views that agree have it.
 fn head_of(evidence: &Evidence) -> Option<DVec3> {
-    let agreement = Agreement::of(&evidence.mended, &evidence.labels, evidence.settings.pose.inlier_px);
-    let points: Vec<DVec3> = agreement.points.into_iter().flatten().collect();
-    (points.len() >= 3).then(|| points.iter().sum::<DVec3>() / points.len() as f64)
+    let points = Agreement::of(&evidence.mended, &evidence.labels, evidence.label_tolerance()).sure_points();
+    (points.len() >= 3).then(|| mean(&points))
 }
 
 /// The check `aim`.
@@ -28,18 +30,28 @@ pub(crate) fn aim(evidence: &mut Evidence) -> Outcome {
     let mut findings = Vec::new();
     for (view, camera) in rig.cameras.iter().enumerate().filter(|(view, _)| !evidence.distrusted.contains(view)) {
         let place = format!("view {}", camera.name);
-        let suffers = "hull: the view carves everything away, or nothing";
         if depth(camera, subject) <= 0.0 {
             let fact = format!("the subject lies {:.0} mm behind the camera", -depth(camera, subject));
-            let hint = "check the direction of the pose (world to camera) and the axes (z forward)";
-            findings.push(Finding::cannot("looks-away", place, fact).suffers(suffers).hint(hint));
-        } else if off[view] > 0.5 * diagonal_view(camera) {
-            let fact = format!("the subject lies {:.0}° from its axis, outside its image", off[view].to_degrees());
-            findings
-                .push(Finding::cannot("looks-away", place, fact).suffers(suffers).hint("check R and t of this camera"));
+            let finding = Finding::cannot("looks-away", place, fact)
+                .suffers("hull: the view carves everything away, or nothing")
+                .hint("check the direction of the pose (world to camera) and the axes (z forward)");
+            findings.push(evidence.unless_held_out(&[view], finding));
+        } else if !is_in_image(camera, subject) {
+            // A view may be framed on what hangs down; a wrong R or t looks the same.
+            let fact = format!("the markers lie {:.0}° from its axis, outside its image", off[view].to_degrees());
+            let finding = Finding::look("looks-away", place, fact)
+                .suffers("pose: the view sees no marker; hull: a wrong R or t looks the same")
+                .hint("right where the view is framed on other parts of the hair; else check R and t of this camera");
+            findings.push(finding);
         }
     }
     Outcome::of(measured, findings)
+}
+
+fn is_in_image(camera: &Camera, place: DVec3) -> bool {
+    let inside =
+        |at: DVec2| (0.0..=camera.width as f64).contains(&at.x) && (0.0..=camera.height as f64).contains(&at.y);
+    project(camera, place).is_some_and(inside)
 }
 
 /// Angle of a place from a camera's axis \[rad\].
@@ -75,8 +87,7 @@ const UNITS: [(f64, &str, &str); 5] = [
 
 /// The check `units`: scales the rig where another unit makes both distances plausible.
 pub(crate) fn units(evidence: &mut Evidence) -> Outcome {
-    let agreement = Agreement::of(&evidence.mended, &evidence.labels, evidence.settings.pose.inlier_px);
-    let points: Vec<DVec3> = agreement.points.into_iter().flatten().collect();
+    let points = Agreement::of(&evidence.mended, &evidence.labels, evidence.label_tolerance()).sure_points();
     let pairs = points.iter().enumerate().flat_map(|(i, a)| points[..i].iter().map(|b| a.distance(*b)));
     let spread = pairs.fold(0.0, f64::max);
     let subject = if points.is_empty() { meeting_point(&evidence.mended) } else { Some(mean(&points)) };

@@ -2,6 +2,8 @@
 
 use std::{path::Path, process::Command};
 
+use strandflow_stages::hull::MOST_VOXELS;
+
 use crate::{Evidence, Finding, Outcome};
 
 /// How large a run is.
@@ -58,7 +60,7 @@ pub fn cost(size: &Size) -> Cost {
 }
 
 /// Voxels that stage `hull` refuses \[millions\].
-const MOST_MEGAVOXELS: f64 = 500.0;
+const MOST_MEGAVOXELS: f64 = MOST_VOXELS as f64 / 1e6;
 
 /// The check `cost`.
 pub(crate) fn check(evidence: &mut Evidence) -> Outcome {

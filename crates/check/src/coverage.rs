@@ -23,13 +23,9 @@ fn used(evidence: &Evidence) -> Rig {
 
 /// The middle of a hull \[mm\].
 fn middle(hull: &Occupancy) -> Option<DVec3> {
-    let (sum, count) = hull.indices().fold((DVec3::ZERO, 0.0), |(sum, n), i| (sum + centre(hull, i), n + 1.0));
+    let (sum, count) =
+        hull.indices().fold((DVec3::ZERO, 0.0), |(sum, n), i| (sum + hull.grid.centre_of_index(i), n + 1.0));
     (count > 0.0).then(|| sum / count)
-}
-
-fn centre(hull: &Occupancy, index: usize) -> DVec3 {
-    let voxel = DVec3::from_array(hull.grid.coordinates(index).map(|k| k as f64));
-    hull.grid.origin + (voxel + 0.5) * hull.grid.voxel_mm
 }
 
 /// The check `coverage`.
@@ -72,7 +68,7 @@ fn share_seen(rig: &Rig, hull: &Occupancy) -> f64 {
     };
     let (mut seen, mut all) = (0usize, 0usize);
     for index in hull.indices() {
-        let place = centre(hull, index);
+        let place = hull.grid.centre_of_index(index);
         let views = rig.cameras.iter().filter(|camera| sees(camera, place)).count();
         (seen, all) = (seen + usize::from(views >= LIFTED_BY.min(rig.view_count())), all + 1);
     }
@@ -173,7 +169,7 @@ mod tests {
         let grid = Grid { origin: DVec3::splat(-100.0), voxel_mm: 10.0, dims: [20; 3] };
         let mut ball = Occupancy::empty(grid);
         (0..grid.len())
-            .filter(|&i| centre(&ball, i).length() < 90.0)
+            .filter(|&i| ball.grid.centre_of_index(i).length() < 90.0)
             .collect::<Vec<_>>()
             .into_iter()
             .for_each(|i| ball.set(i, true));

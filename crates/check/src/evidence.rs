@@ -7,7 +7,7 @@ use strandflow_core::{FrameRange, ImageSource, Mask, Occupancy, RgbImage, Rig, S
 use strandflow_engine::Settings;
 use strandflow_io::{SourceInfo, TakeSource};
 
-use crate::{Finding, follow::Followed, labels::Label};
+use crate::{Finding, Verdict, follow::Followed, labels::Label};
 
 /// What one view brings. What could not be read is `None`, and said among [`Evidence::trouble`].
 pub struct ViewEvidence {
@@ -78,6 +78,9 @@ pub struct Evidence {
     pub hull: Option<Occupancy>,
 }
 
+/// How far from its ball's centre a label may lie, in radii of the marker: `pose` moves labels by as much.
+const LABEL_RADII: f64 = 0.6;
+
 impl Evidence {
     /// The name of a view.
     pub fn name(&self, view: usize) -> &str {
@@ -87,6 +90,22 @@ impl Evidence {
     /// Names of views, `cam02 and cam05`.
     pub fn names(&self, views: &[usize]) -> String {
         views.iter().map(|&view| self.name(view)).collect::<Vec<_>>().join(" and ")
+    }
+
+    /// A finding about views; where all of them are held out a run goes through, for no stage from `hull` on looks at them.
+    pub fn unless_held_out(&self, views: &[usize], mut finding: Finding) -> Finding {
+        if views.iter().all(|&view| self.views[view].held_out) {
+            finding.verdict = Verdict::LookAtThis;
+            finding.suffers = "evaluate: the view that judges is wrong";
+        }
+        finding
+    }
+
+    /// How far labels may lie from where the views that agree have their marker \[px\]. Stage `pose` measures the ball around
+    /// a label, which people click anywhere on it.
+    pub fn label_tolerance(&self) -> f64 {
+        let pose = &self.settings.pose;
+        pose.inlier_px.max(LABEL_RADII * pose.marker_radius_px)
     }
 
     /// Whether the footage of a view has the size its camera is calibrated for.

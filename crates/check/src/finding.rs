@@ -31,7 +31,7 @@ impl Verdict {
 /// One thing that is wrong.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// The fault's name, `words-with-hyphens`; `docs/check.md` lists them.
+    /// The fault's name, `words-with-hyphens`; `docs/check.md` lists those that are planted.
     pub fault: &'static str,
     /// How grave it is.
     pub verdict: Verdict,

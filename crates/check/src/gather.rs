@@ -8,10 +8,14 @@ use std::{
 
 use glam::{DVec2, DVec3};
 use strandflow_core::FrameRange;
-use strandflow_engine::{EngineError, Manifest, Take, footage::numbered_images, sources::read_rig};
+use strandflow_engine::{
+    EngineError, Manifest, Take,
+    footage::numbered_images,
+    sources::{most_common, read_rig},
+};
 use strandflow_io::{IoError, SourceInfo, TakeSource, ViewInput};
 
-use crate::{Evidence, Finding, evidence::ViewEvidence, labels::Label};
+use crate::{Evidence, Finding, calibration::MARKERS_NEEDED, evidence::ViewEvidence, labels::Label};
 
 /// The evidence of a take whose files may be wrong in any way.
 ///
@@ -144,7 +148,7 @@ fn given(manifest: &Manifest, root: &Path, view: &str, trouble: &mut Vec<Finding
 
 /// What a run would refuse that nothing here has found.
 fn refused(evidence: &Evidence) -> Option<Finding> {
-    let few = evidence.labels.iter().filter(|label| label.views.len() >= 2).count() < 5;
+    let few = evidence.labels.iter().filter(|label| label.views.len() >= 2).count() < MARKERS_NEEDED;
     if few || evidence.trouble.iter().any(|finding| finding.verdict == crate::Verdict::CannotWork) {
         return None;
     }
@@ -200,12 +204,6 @@ fn frames_of(manifest: &Manifest, views: &[ViewEvidence], trouble: &mut Vec<Find
     }
     let start = stated.map_or(0, |range| range.start);
     FrameRange { start, end: wanted.min(shortest).max(start) }
-}
-
-/// The number that most have, the largest of several.
-fn most_common(counts: &[usize]) -> usize {
-    let times = |n: usize| counts.iter().filter(|count| **count == n).count();
-    counts.iter().copied().max_by_key(|&n| (times(n), n)).unwrap_or(0)
 }
 
 /// Clips whose rate is not the manifest's.

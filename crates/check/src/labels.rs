@@ -38,6 +38,8 @@ pub struct Residual {
 pub struct Agreement {
     /// Markers in space \[mm\], those that two views or more agree on.
     pub points: Vec<Option<DVec3>>,
+    /// Whether three views or more agree on a marker's point: two do so by chance, too.
+    pub sure: Vec<bool>,
     /// Labels of markers that three views or more have.
     pub residuals: Vec<Residual>,
     /// The tolerance \[px\].
@@ -47,13 +49,14 @@ pub struct Agreement {
 impl Agreement {
     /// Triangulates each marker from the views that agree within `tolerance` \[px\], and reprojects it.
     pub fn of(rig: &Rig, labels: &[Label], tolerance: f64) -> Self {
-        let mut found = Self { points: Vec::new(), residuals: Vec::new(), tolerance };
+        let mut found = Self { tolerance, ..Self::default() };
         for (marker, label) in labels.iter().enumerate() {
             let seen: Vec<(usize, &Camera, DVec2)> =
                 label.views.iter().map(|(&view, &at)| (view, &rig.cameras[view], at)).collect();
             let all: Vec<(&Camera, DVec2)> = seen.iter().map(|(_, camera, at)| (*camera, *at)).collect();
             let consensus = triangulate(&all, tolerance);
             found.points.push(consensus.as_ref().map(|t| t.point));
+            found.sure.push(consensus.as_ref().is_some_and(|t| t.inliers.len() >= TELLING));
             if seen.len() < TELLING {
                 continue;
             }
@@ -79,6 +82,13 @@ impl Agreement {
     /// all say together.
     pub fn agrees(&self, residual: &Residual) -> bool {
         residual.px <= 2.0 * self.tolerance
+    }
+
+    /// Points of the markers \[mm\]: of those that three views or more agree on, or of all where these are fewer than three.
+    pub fn sure_points(&self) -> Vec<DVec3> {
+        let sure = self.points.iter().zip(&self.sure).filter(|(_, sure)| **sure).filter_map(|(point, _)| *point);
+        let sure: Vec<DVec3> = sure.collect();
+        if sure.len() < 3 { self.points.iter().flatten().copied().collect() } else { sure }
     }
 
     /// Share of the labels that agree, 0 to 1; 0 where there are none.
@@ -118,9 +128,10 @@ impl Agreement {
     }
 }
 
-/// The point without one of its observations; with all that agree where too few would be left.
+/// The point without one of its observations; with all that agree where fewer than three would be left: two extrapolate, and
+/// from cameras that stand close together they scatter many times as much as all.
 fn without(all: &[(&Camera, DVec2)], consensus: &Triangulated, left_out: usize, tolerance: f64) -> DVec3 {
-    if !consensus.inliers.contains(&left_out) || consensus.inliers.len() <= 2 {
+    if !consensus.inliers.contains(&left_out) || consensus.inliers.len() <= TELLING {
         return consensus.point;
     }
     let rest: Vec<_> = consensus.inliers.iter().filter(|&&i| i != left_out).map(|&i| all[i]).collect();
@@ -178,6 +189,40 @@ pub(crate) mod tests {
             project(&rig().cameras[view], point).unwrap() + DVec2::new(off.x.sin(), off.y.sin()) * 0.3
         };
         (0..8).map(|m| Label { id: m as u32, views: (0..6).map(|view| (view, at(m, view))).collect() }).collect()
+    }
+
+    #[test]
+    fn three_cameras_close_together_are_no_fault() {
+        // 15° apart, labelled to a pixel and a half: what two of them say of the third scatters by several pixels.
+        let close = |i: usize| {
+            let eye = DVec3::new((i as f64 - 1.0) * 0.26, 1.0, 0.0).normalize() * 1500.0;
+            let forward = -eye.normalize();
+            let right = forward.cross(DVec3::Z).normalize();
+            let rotation = DMat3::from_cols(right, forward.cross(right), forward).transpose();
+            let camera_from_world = RigidTransform { rotation, translation: -(rotation * eye) };
+            Camera { camera_from_world, ..rig().cameras[i].clone() }
+        };
+        let rig = Rig { cameras: (0..3).map(close).collect() };
+        let seen = |m: usize, view: usize| {
+            let point = DVec3::new((m as f64 * 2.4).sin(), 0.3, (m as f64 * 1.7).cos()) * 90.0;
+            let off = DVec2::new((m * 7 + view * 3) as f64, (m * 5 + view * 11) as f64);
+            project(&rig.cameras[view], point).unwrap() + DVec2::new(off.x.sin(), off.y.sin()) * 1.5
+        };
+        let label = |m: usize| Label { id: m as u32, views: (0..3).map(|view| (view, seen(m, view))).collect() };
+        let labels: Vec<Label> = (0..8).map(label).collect();
+        assert!(Agreement::of(&rig, &labels, 2.5).disagreeing(3).is_empty());
+        // One that was moved is still told.
+        let mut moved = labels.clone();
+        moved.iter_mut().for_each(|label| label.views.get_mut(&2).unwrap().y += 30.0);
+        assert_eq!(Agreement::of(&rig, &moved, 2.5).disagreeing(3), [2]);
+    }
+
+    #[test]
+    fn a_point_of_two_views_decides_nothing_where_others_are_sure() {
+        let mut labels = labels();
+        labels[0].views = [(0, DVec2::new(5.0, 5.0)), (1, DVec2::new(600.0, 460.0))].into();
+        let agreement = Agreement::of(&rig(), &labels, 1e9);
+        assert!(!agreement.sure[0] && agreement.sure_points().len() == 7);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Repairs of cameras that people's mistakes ask for, tried one by one: the one that lets the markers agree names the mistake.
 
+use rayon::prelude::*;
 use strandflow_core::{Camera, Distortion, Rig, RigidTransform};
 
 use crate::labels::{Agreement, Label};
@@ -195,18 +196,18 @@ pub fn best_mend(rig: &Rig, labels: &[Label], now: &Agreement) -> Option<Mended>
             tried.push(Mend::Repair(repair, wrong.clone()));
         }
     }
-    let mut best: Option<Mended> = None;
-    for mend in tried {
-        let mended = mend.applied(rig);
-        let agreement = Agreement::of(&mended, labels, now.tolerance);
+    let agreements: Vec<Agreement> =
+        tried.par_iter().map(|mend| Agreement::of(&mend.applied(rig), labels, now.tolerance)).collect();
+    let mut best: Option<(Mend, Agreement)> = None;
+    for (mend, agreement) in tried.into_iter().zip(agreements) {
         let helped =
             mend.views().iter().all(|&view| agreement.count_of(view) > 0 && agreement.share_of(view) >= MENDED);
-        let better = best.as_ref().is_none_or(|best| agreement.share() > best.agreement.share() + 1e-9);
+        let better = best.as_ref().is_none_or(|(_, best)| agreement.share() > best.share() + 1e-9);
         if helped && agreement.share() > now.share() && better {
-            best = Some(Mended { mend, rig: mended, agreement });
+            best = Some((mend, agreement));
         }
     }
-    best
+    best.map(|(mend, agreement)| Mended { rig: mend.applied(rig), mend, agreement })
 }
 
 #[cfg(test)]

@@ -4,7 +4,6 @@
 //! what the others do not (a leak). Where it leaves parts of several masks empty, some view has cut the hull: the one
 //! without which the others are filled.
 
-use glam::DVec3;
 use rayon::prelude::*;
 use strandflow_core::{Camera, Grid, Mask, Occupancy, Plane, Report, Rig};
 use strandflow_geometry::project::project;
@@ -139,7 +138,7 @@ fn drawn(camera: &Camera, hull: &Occupancy) -> Plane<bool> {
     let eye = camera.centre_in_world();
     let focal = camera.focal[0].max(camera.focal[1]);
     for index in hull.indices() {
-        let centre = grid.origin + (DVec3::from_array(grid.coordinates(index).map(|k| k as f64)) + 0.5) * grid.voxel_mm;
+        let centre = grid.centre_of_index(index);
         let Some(at) = project(camera, centre) else { continue };
         let half = 0.87 * grid.voxel_mm * focal / centre.distance(eye).max(1.0);
         let range = |middle: f64, side: usize| {

@@ -25,6 +25,11 @@ impl Grid {
         self.len() == 0
     }
 
+    /// The grid of voxels of twice the size from the same origin; it covers all of this one.
+    pub fn halved(&self) -> Self {
+        Self { origin: self.origin, voxel_mm: 2.0 * self.voxel_mm, dims: self.dims.map(|n| n.div_ceil(2)) }
+    }
+
     /// Linear index of a voxel.
     #[inline]
     pub fn index(&self, [x, y, z]: [usize; 3]) -> usize {

@@ -81,6 +81,12 @@ fn of_pattern(pattern: &Path) -> Result<BTreeMap<usize, PathBuf>, EngineError> {
     })
 }
 
+/// Where the number at the end of a name begins.
+pub(crate) fn number_at_end(stem: &str) -> Option<usize> {
+    let start = stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+    (start < stem.len()).then_some(start)
+}
+
 /// The images of a folder by the number in their name; none where the folder does not exist.
 ///
 /// # Errors
@@ -104,8 +110,7 @@ pub fn numbered(folder: &Path, wanted: impl Fn(&Path) -> bool) -> Result<BTreeMa
         if !wanted(&path) || stem.starts_with('.') {
             continue;
         }
-        let start = stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
-        let Ok(number) = stem[start..].parse::<usize>() else {
+        let Some(number) = number_at_end(&stem).and_then(|start| stem[start..].parse::<usize>().ok()) else {
             let hint = "end the name with the number of the frame, like 000012.png";
             return Err(EngineError::input(path.display().to_string(), "the name holds no frame number", hint));
         };

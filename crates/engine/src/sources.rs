@@ -195,6 +195,11 @@ impl Sources {
         }
     }
 
+    /// All hair masks that the user gave of a view, by frame.
+    pub fn hair_files(&self, view: usize) -> &BTreeMap<usize, PathBuf> {
+        &self.hairs[view]
+    }
+
     /// The hair mask the user gave for a frame.
     pub fn hair_file(&self, view: usize, frame: usize) -> Option<PathBuf> {
         self.hairs[view].get(&frame).cloned()
@@ -292,7 +297,7 @@ fn frames_of(
 }
 
 /// The number that most have, the largest of several: the clip that differs is at fault, not the first in the list.
-fn most_common(counts: &[usize]) -> usize {
+pub fn most_common(counts: &[usize]) -> usize {
     let times = |n: usize| counts.iter().filter(|count| **count == n).count();
     counts.iter().copied().max_by_key(|&n| (times(n), n)).unwrap_or(0)
 }

@@ -11,7 +11,7 @@ use strandflow_geometry::polyline;
 
 use crate::index::{SampleIndex, sample_polyline};
 use crate::lengths::present_length;
-use crate::statistics::{Summary, evenly, root_mean_square, share};
+use crate::statistics::{Summary, evenly, root_mean_square, share, variation};
 use crate::truth::Truth;
 
 /// How much is looked at, and what counts as what.
@@ -178,10 +178,7 @@ fn ratio(a: f64, b: f64) -> f64 {
 /// The length of a frame is that of the points present, so a tail that comes and goes shows.
 pub fn length_variation(sequence: &StrandSequence, strand: usize, frames: impl Iterator<Item = usize>) -> Option<f64> {
     let lengths: Vec<f64> = frames.filter_map(|t| present_length(sequence.strand(t, strand))).collect();
-    let count = lengths.len() as f64;
-    let mean = lengths.iter().sum::<f64>() / count;
-    let variance = lengths.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / count;
-    (lengths.len() >= 3 && mean > 0.0).then(|| variance.sqrt() / mean)
+    variation(&lengths)
 }
 
 /// A second difference of a particle and of the true place it is compared with \[mm\].

@@ -34,6 +34,14 @@ impl Summary {
     }
 }
 
+/// Standard deviation over mean of positive numbers; `None` of fewer than three.
+pub fn variation(numbers: &[f64]) -> Option<f64> {
+    let count = numbers.len() as f64;
+    let mean = numbers.iter().sum::<f64>() / count;
+    let variance = numbers.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / count;
+    (numbers.len() >= 3 && mean > 0.0).then(|| variance.sqrt() / mean)
+}
+
 /// Root of the mean square; 0 of nothing.
 pub fn root_mean_square(numbers: impl IntoIterator<Item = f64>) -> f64 {
     let (sum, count) = numbers.into_iter().fold((0.0, 0usize), |(s, n), x| (s + x * x, n + 1));

@@ -36,7 +36,7 @@ pub use image_file::{mask_png, read_mask, read_rgb, write_mask_png, write_rgb_pn
 pub use markers::{LabelledMarker, MarkerLabels, marker_labels_from_json, read_marker_labels, write_marker_labels};
 pub use obj::read_obj;
 pub use scene::SceneOptions;
-pub use source::{SourceInfo, TakeSource, ViewInput, probe};
+pub use source::{SourceInfo, TakeSource, ViewInput, agreed_fps, probe};
 pub use space::{Carrier, Space, Target, Up};
 pub use strands::{
     Interchange, InterchangeFrame, StrandFrames,

@@ -1,5 +1,5 @@
 //! Strands that a person drew over the views of one frame: JSON `{"strands": [{"id": 0, "views": {"cam00": [[u, v], …]}}]}`,
-//! root first, pixels with the first pixel's centre at (0.5, 0.5).
+//! root first, pixels with the first pixel's centre at (0.5, 0.5) where `pixel_convention` says nothing else.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use crate::{
     IoError,
+    calibration::pixel_shift,
     error::{At, not_json, read_text},
 };
 
@@ -21,6 +22,9 @@ pub struct SketchedStrand {
 
 #[derive(Deserialize)]
 struct SketchFile {
+    /// As in the labels of markers.
+    #[serde(default)]
+    pixel_convention: Option<String>,
     strands: Vec<SketchEntry>,
 }
 
@@ -43,6 +47,7 @@ fn sketches_from_json(path: &Path, text: &str) -> Result<Vec<SketchedStrand>, Io
         let hint = r#"write {"strands": [{"id": 0, "views": {"cam00": [[u, v], [u, v]]}}]}, root first"#;
         not_json(path, text, &cause, "sketched strands", hint)
     })?;
+    let shift = pixel_shift(path, file.pixel_convention.as_deref())?;
     let mut strands = BTreeMap::new();
     for SketchEntry { id, mut views } in file.strands {
         let bad = views.iter().find(|(_, points)| points.iter().flatten().any(|x| !x.is_finite()));
@@ -51,6 +56,7 @@ fn sketches_from_json(path: &Path, text: &str) -> Result<Vec<SketchedStrand>, Io
             return Err(IoError::content(path, At::view(view), fact, "draw it again"));
         }
         views.retain(|_, points| points.len() >= 2);
+        views.values_mut().flatten().for_each(|point| *point = point.map(|x| x + shift));
         if strands.insert(id, views).is_some() {
             let fact = format!("strand {id} is listed twice");
             return Err(IoError::content(path, At::FILE, fact, "give every strand a number of its own"));

@@ -73,6 +73,13 @@ pub fn probe(input: &ViewInput) -> Result<SourceInfo, IoError> {
     }
 }
 
+/// The frame rate of videos that agree on one within 0.1 %.
+pub fn agreed_fps(rates: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let mut rates = rates.into_iter();
+    let first = rates.next()?;
+    rates.all(|fps| (fps - first).abs() <= 1e-3 * first).then_some(first)
+}
+
 enum ViewSource {
     Video(VideoSource),
     Folder(FolderSource),
@@ -117,9 +124,7 @@ impl TakeSource {
 
     /// The frame rate of the videos, if they agree on one within 0.1 %.
     pub fn fps(&self) -> Option<f64> {
-        let rates: Vec<f64> = self.infos().iter().filter_map(|info| info.fps).collect();
-        let first = *rates.first()?;
-        rates.iter().all(|fps| (fps - first).abs() <= 1e-3 * first).then_some(first)
+        agreed_fps(self.infos().iter().filter_map(|info| info.fps))
     }
 
     /// Everything that does not fit: an image size other than the calibration's, a clip of another length or frame rate

@@ -10,7 +10,7 @@ use strandflow_volume::silhouette::Silhouette;
 use crate::{SettingViolation, StageError};
 
 /// Voxels of a grid beyond which memory and time are out of proportion (a metre cubed at 2 mm has 1.25e8).
-const MOST_VOXELS: usize = 500_000_000;
+pub const MOST_VOXELS: usize = 500_000_000;
 
 /// Settings of stage `hull`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

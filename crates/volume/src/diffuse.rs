@@ -136,7 +136,7 @@ impl<Q: Quantity> Level<Q> {
     /// children count half, and so does their leak: κ quadruples.
     fn coarser(&self) -> Self {
         let fine = self.lookup.grid;
-        let grid = Grid { origin: fine.origin, voxel_mm: fine.voxel_mm * 2.0, dims: fine.dims.map(|n| n.div_ceil(2)) };
+        let grid = fine.halved();
         let mut occupancy = Occupancy::empty(grid);
         let parents: Vec<usize> = self.indices.iter().map(|&i| parent_of(&fine, &grid, i)).collect();
         parents.iter().for_each(|&parent| occupancy.set(parent, true));

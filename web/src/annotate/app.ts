@@ -112,6 +112,11 @@ export class App implements Room {
 
   set(change: Partial<Look>): void {
     const before = this.look;
+    // A stroke belongs to the frame, the view and the tool in which it began: it ends there.
+    if ((['frame', 'view', 'tool', 'sheet'] as const).some((key) => key in change && change[key] !== before[key])) {
+      this.penIsDown = false;
+      this.tool.up();
+    }
     this.look = { ...before, ...change };
     // A view that is as it was seen last time would not be where the hand is.
     if (change.view !== undefined && change.view !== before.view) {

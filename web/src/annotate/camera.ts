@@ -1,24 +1,13 @@
 // Cameras with their lenses: the same geometry as the program's, for lines that follow the pointer.
 
 import { distort, undistort } from './lens.ts';
+import type { View } from '../protocol.ts';
 import type { Lens } from './lens.ts';
 
 export type P2 = [number, number];
 export type P3 = [number, number, number];
 
-export interface WorkView {
-  name: string;
-  width: number;
-  height: number;
-  fx: number;
-  fy: number;
-  cx: number;
-  cy: number;
-  /** Row-major 4×4, OpenCV axes. */
-  camera_from_world: number[];
-  center: P3;
-  footage: boolean;
-  held_out?: boolean;
+export interface WorkView extends View {
   distortion: Lens;
 }
 

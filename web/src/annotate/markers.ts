@@ -19,6 +19,7 @@ type Guess = { at: P2; from: 'labels' | 'track' | 'pose' };
 export class Markers implements Tool {
   doc: LabelDoc = { frame: 0, markers: [] };
   private isHere = false;
+  private isAsked = false;
   private readonly tracks = new Map<number, Tracks | null>();
   private points = new Map<number, P3>();
   private pointsOf: unknown[] = [];
@@ -29,6 +30,7 @@ export class Markers implements Tool {
   }
 
   async load(): Promise<void> {
+    [this.isHere, this.isAsked] = [false, true];
     try {
       const { value, version } = await readJson<LabelDoc>(this.room.api, PATH);
       this.doc = value;
@@ -38,6 +40,8 @@ export class Markers implements Tool {
       this.room.redraw();
     } catch (error) {
       this.room.error(error as Error);
+    } finally {
+      this.isAsked = false;
     }
   }
 
@@ -46,6 +50,7 @@ export class Markers implements Tool {
   }
 
   enter(): void {
+    if (!this.isHere && !this.isAsked) void this.load();
     const { frame } = this.room.look;
     if (this.tracks.has(frame)) return;
     this.tracks.set(frame, null);
@@ -116,6 +121,8 @@ export class Markers implements Tool {
   // ---- changes
 
   private apply(doc: LabelDoc): void {
+    // What is not there cannot be saved, so it is not changed.
+    if (!this.isHere) return;
     this.doc = doc;
     this.room.saver.save(PATH);
     this.room.redraw();
@@ -133,6 +140,7 @@ export class Markers implements Tool {
   }
 
   private change(what: string, how: (doc: LabelDoc) => void): void {
+    if (!this.isHere) return;
     const after = structuredClone(this.doc);
     how(after);
     this.commit(what, this.doc, after);

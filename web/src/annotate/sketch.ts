@@ -142,16 +142,17 @@ export class Sketches implements Tool {
   act({ view, at }: Spot): void {
     if (!this.doc) return;
     if (this.room.look.strand === null) this.fresh();
-    const { strand } = this.room.look;
-    const old = this.drawn(strand, view.name) ?? (this.begun?.view === view.name && this.begun.id === strand ? [this.begun.at] : []);
+    const { strand, frame } = this.room.look;
+    const isBegun = this.begun?.frame === frame && this.begun.view === view.name && this.begun.id === strand;
+    const old = this.drawn(strand, view.name) ?? (isBegun ? [this.begun!.at] : []);
     const points = [...old, within(view, at)];
-    this.begun = points.length === 1 ? { view: view.name, id: strand!, at: points[0] } : null;
+    this.begun = points.length === 1 ? { frame, view: view.name, id: strand!, at: points[0] } : null;
     if (points.length >= 2) this.commit('point', this.doc, this.put(this.doc, strand!, view.name, points));
     else this.room.redraw();
   }
 
   /** The first point of a stroke that is set by key: one point is no stroke yet. */
-  private begun: { view: string; id: number; at: P2 } | null = null;
+  private begun: { frame: number; view: string; id: number; at: P2 } | null = null;
 
   // ---- looks
 
@@ -182,7 +183,7 @@ export class Sketches implements Tool {
       line(ink, this.pen.points, colourOf(this.pen.id), 2.2 * px);
       dot(ink, this.pen.points[0], 4 * px, colourOf(this.pen.id));
     }
-    if (this.begun?.view === view.name) dot(ink, this.begun.at, 4 * px, colourOf(this.begun.id));
+    if (this.begun?.frame === this.room.look.frame && this.begun.view === view.name) dot(ink, this.begun.at, 4 * px, colourOf(this.begun.id));
   }
 
   /** The strand in space, by its first two views: where each point's line meets the other stroke. For looking only. */

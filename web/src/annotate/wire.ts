@@ -143,8 +143,9 @@ export class Saver {
     if (error instanceof Refusal && error.status !== 401 && error.status < 500) {
       // What was refused is not sent again; the page shows what the program has.
       this.refused(error);
-      document.changed();
+      document.wanted = false;
       this.documents.delete(document.path);
+      document.changed();
       return;
     }
     document.wanted = true;

@@ -1,7 +1,10 @@
 //! Sketched strands: `user/sketches/FRAME.json` holds those drawn in two or more views, which have a place in space; those
 //! drawn in one view only wait in `user/sketch_drafts/FRAME.json`. The page sees one list.
 
-use std::{collections::BTreeMap, path::PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use serde::{Deserialize, Serialize};
 use strandflow_core::Rig;
@@ -43,11 +46,9 @@ impl Sketch {
 /// Frames with sketches.
 pub fn given(home: &Home) -> Result<Vec<usize>, Refusal> {
     let files = home.files();
-    let is_json = |path: &std::path::Path| path.extension().is_some_and(|e| e == "json");
     let mut frames = Vec::new();
     for folder in [COMPLETE, DRAFTS] {
-        let found = numbered(&files.sketches(folder), is_json).map_err(|error| not_written(&error))?;
-        frames.extend(found.into_keys());
+        frames.extend(files_of(&files, folder)?.into_keys());
     }
     frames.sort_unstable();
     frames.dedup();
@@ -79,7 +80,7 @@ pub fn put(home: &Home, rig: &Rig, frame: usize, made_from: &str, json_sent: &[u
         writes.reverse();
     }
     for (folder, strands) in writes {
-        let path = path(&files, folder, frame);
+        let path = path(&files, folder, frame)?;
         if strands.is_empty() {
             files.remove(&path)?;
         } else {
@@ -89,15 +90,23 @@ pub fn put(home: &Home, rig: &Rig, frame: usize, made_from: &str, json_sent: &[u
     Ok(both(&files, frame)?.0)
 }
 
-fn path(files: &Files, folder: &str, frame: usize) -> PathBuf {
-    files.sketches(folder).join(format!("{frame:06}.json"))
+/// The files of a folder by frame.
+fn files_of(files: &Files, folder: &str) -> Result<BTreeMap<usize, PathBuf>, Refusal> {
+    let is_json = |path: &Path| path.extension().is_some_and(|e| e == "json");
+    numbered(&files.sketches(folder), is_json).map_err(|error| not_written(&error))
+}
+
+/// The file of a frame, with as many zeros as it has.
+fn path(files: &Files, folder: &str, frame: usize) -> Result<PathBuf, Refusal> {
+    let there = files_of(files, folder)?.remove(&frame);
+    Ok(there.unwrap_or_else(|| files.sketches(folder).join(format!("{frame:06}.json"))))
 }
 
 /// The version of both files, and what they hold.
 fn both(files: &Files, frame: usize) -> Result<(String, Vec<Sketch>, Vec<Sketch>), Refusal> {
     let mut all = Vec::new();
     let [complete, drafts] = [COMPLETE, DRAFTS].map(|folder| -> Result<Vec<Sketch>, Refusal> {
-        let path = path(files, folder, frame);
+        let path = path(files, folder, frame)?;
         let (version, bytes) = read(&path)?;
         all.extend(version.into_bytes());
         let parsed = |bytes: Vec<u8>| parsed(&path.display().to_string(), &bytes);
@@ -179,6 +188,13 @@ mod tests {
         let made = put(&home, &rig, 3, &made, one).unwrap();
         assert!(draft.exists() && !complete.exists());
         put(&home, &rig, 3, &made, br#"{"strands":[]}"#).unwrap();
+        // A file that a person named with fewer zeros is the frame's, too.
+        let named = dir.path().join("user/sketches/5.json");
+        std::fs::write(&named, two).unwrap();
+        let there = get(&home, 5).unwrap();
+        assert_eq!(there.json, two);
+        put(&home, &rig, 5, &there.version, br#"{"strands":[]}"#).unwrap();
+        assert!(!named.exists());
         assert!(!draft.exists() && given(&home).unwrap().is_empty());
     }
 

@@ -91,6 +91,15 @@ impl Copy<'_> {
         self.save();
     }
 
+    /// Leaves all but the first views out of the manifest.
+    pub fn keep_views(&mut self, count: usize) {
+        let mut parts: Vec<&str> = self.manifest.split("[[views]]").collect();
+        let settings = parts[parts.len() - 1].split_once("\n\n").unwrap().1;
+        parts.truncate(count + 1);
+        self.manifest = format!("{}\n\n{settings}", parts.join("[[views]]"));
+        self.save();
+    }
+
     fn file(&self, below: &str) -> PathBuf {
         self.sound.capture.join(below)
     }

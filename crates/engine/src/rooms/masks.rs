@@ -59,8 +59,10 @@ pub(crate) fn in_order(job: &Job, view: usize) -> Vec<usize> {
 
 /// The nearest frame for which the user gave a hair mask; of two, the earlier.
 fn key_frame(job: &Job, view: usize, frame: usize) -> Option<usize> {
-    let given = |f: &usize| job.take.sources().hair_file(view, *f).is_some();
-    (job.plan.lead.start..job.plan.lead.end).filter(given).min_by_key(|key| key.abs_diff(frame))
+    let (given, lead) = (job.take.sources().hair_files(view), job.plan.lead);
+    let before = given.range(lead.start..=frame).next_back();
+    let after = given.range(frame + 1..lead.end.max(frame + 1)).next();
+    before.into_iter().chain(after).map(|(&key, _)| key).min_by_key(|key| key.abs_diff(frame))
 }
 
 /// The frame from which the hair mask of this one is carried: the next one towards the key frame.
@@ -74,7 +76,7 @@ fn neighbour(job: &Job, view: usize, frame: usize) -> Option<usize> {
 
 /// The first one.
 fn first_key_frame(job: &Job, view: usize, frame: usize) -> Option<usize> {
-    (job.plan.lead.start..=frame).find(|&f| job.take.sources().hair_file(view, f).is_some())
+    job.take.sources().hair_files(view).range(job.plan.lead.start..=frame).next().map(|(&key, _)| key)
 }
 
 /// All that a key frame shows.

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use strandflow_io::{calibration::match_views, image_file::is_image};
 
-use super::footage::{View, entries, has_word, is_video, stem};
+use super::footage::{View, entries, has_word, is_video, last_name, stem};
 use crate::EngineError;
 
-const PLATES: [&str; 9] =
+pub(super) const PLATES: [&str; 9] =
     ["clean", "plate", "plates", "background", "backgrounds", "empty", "bg", "blank", "cleanplates"];
 
 /// The clean plate of each view: an image of its name in a folder named for plates, the first image of such a folder's folder,
@@ -29,13 +29,9 @@ pub(super) fn plates(capture: &Path, views: &[View], said: &mut Vec<String>) -> 
     };
     let plates: Vec<PathBuf> = matched.cameras.iter().map(|&at| candidates[at].1.clone()).collect();
     let pairs: Vec<String> =
-        names.iter().zip(&plates).map(|(name, plate)| format!("{name} = {}", last(plate))).collect();
+        names.iter().zip(&plates).map(|(name, plate)| format!("{name} = {}", last_name(plate))).collect();
     said.push(format!("clean plates by {}: {}", super::calibrated::in_words(matched.by), pairs.join(", ")));
     still(plates, views)
-}
-
-fn last(path: &Path) -> String {
-    path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
 /// A plate is a still image.
@@ -44,7 +40,7 @@ fn still(plates: Vec<PathBuf>, views: &[View]) -> Result<Vec<PathBuf>, EngineErr
         None => Ok(plates),
         Some((plate, view)) => {
             let place = format!("{}, view {}", plate.display(), view.name);
-            let hint = format!("take an image of it: ffmpeg -i {} -frames:v 1 {}.png", last(plate), stem(plate));
+            let hint = format!("take an image of it: ffmpeg -i {} -frames:v 1 {}.png", last_name(plate), stem(plate));
             Err(EngineError::input(place, "the clean plate is a video", hint))
         }
     }
@@ -52,7 +48,7 @@ fn still(plates: Vec<PathBuf>, views: &[View]) -> Result<Vec<PathBuf>, EngineErr
 
 fn look(folder: &Path, depth: usize, found: &mut Vec<(String, PathBuf)>) {
     for path in entries(folder) {
-        let name = last(&path);
+        let name = last_name(&path);
         if path.is_dir() && has_word(&name, &PLATES) {
             inside(&path, found);
         } else if path.is_dir() && depth < 2 {
@@ -68,7 +64,7 @@ fn without_plate(path: &Path) -> String {
     let stem = stem(path);
     let words = stem.split(['_', '-', ' ', '.']).filter(|word| !PLATES.contains(&word.to_lowercase().as_str()));
     let name = words.collect::<Vec<_>>().join("_");
-    if name.is_empty() { path.parent().map(last).unwrap_or_default() } else { name }
+    if name.is_empty() { path.parent().map(last_name).unwrap_or_default() } else { name }
 }
 
 fn inside(folder: &Path, found: &mut Vec<(String, PathBuf)>) {
@@ -76,7 +72,7 @@ fn inside(folder: &Path, found: &mut Vec<(String, PathBuf)>) {
         if is_image(&path) || is_video(&path) {
             found.push((stem(&path), path));
         } else if let Some(first) = entries(&path).into_iter().find(|path| is_image(path)) {
-            found.push((last(&path), first));
+            found.push((last_name(&path), first));
         }
     }
 }

@@ -7,7 +7,8 @@ use std::{
 
 use strandflow_io::{SourceInfo, ViewInput, image_file::is_image, probe};
 
-use crate::EngineError;
+use super::extras::PLATES;
+use crate::{EngineError, footage::number_at_end};
 
 /// A view that was found.
 #[derive(Clone, Debug)]
@@ -21,17 +22,10 @@ pub(super) struct View {
 const VIDEOS: [&str; 12] = ["mp4", "mov", "avi", "mkv", "webm", "m4v", "mpg", "mpeg", "mts", "m2ts", "wmv", "mxf"];
 
 /// Words in the names of folders and files that are no footage.
-const NO_FOOTAGE: [&str; 28] = [
+const NO_FOOTAGE: [&str; 21] = [
     "calib",
     "calibration",
     "checkerboard",
-    "clean",
-    "plate",
-    "plates",
-    "background",
-    "backgrounds",
-    "empty",
-    "bg",
     "mask",
     "masks",
     "matte",
@@ -132,7 +126,7 @@ fn walk(folder: &Path, calibration: &Path, depth: usize, videos: &mut Vec<PathBu
     let mut has_images = false;
     for path in entries(folder) {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        if has_word(&name, &NO_FOOTAGE) {
+        if has_word(&name, &NO_FOOTAGE) || has_word(&name, &PLATES) {
             continue;
         }
         if path.is_dir() {
@@ -172,7 +166,7 @@ fn named_folders(folders: &[PathBuf]) -> Vec<(String, PathBuf)> {
     folders.iter().map(name).collect()
 }
 
-fn last_name(path: &Path) -> String {
+pub(super) fn last_name(path: &Path) -> String {
     path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
@@ -188,10 +182,4 @@ fn patterns(folder: &Path) -> Vec<(String, PathBuf)> {
         found.entry(name).or_insert(pattern);
     }
     found.into_iter().collect()
-}
-
-/// Where the number at the end of a name begins.
-fn number_at_end(stem: &str) -> Option<usize> {
-    let start = stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
-    (start < stem.len()).then_some(start)
 }

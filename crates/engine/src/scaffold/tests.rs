@@ -87,7 +87,7 @@ fn views_are_found_in_many_layouts() {
     let layouts: [Layout; 4] = [
         (|v, t| format!("footage/Cam_{v}/shot{t:04}.png"), |v| format!("background/cam{v}.png")),
         (|v, t| format!("cam{v:02}/images/{t:04}.png"), |v| format!("empty/cam{v:02}/0001.png")),
-        (|v, t| format!("all/cam{v:02}_{t:04}.png"), |v| format!("plates/cam{v:02}.png")),
+        (|v, t| format!("all/cam{v:02}_{t:04}.png"), |v| format!("cleanplates/cam{v:02}.png")),
         (|v, t| format!("take7_cam{v:02}/{t:04}.png"), |v| format!("cam{v:02}_clean.png")),
     ];
     for (i, (frame, plate)) in layouts.into_iter().enumerate() {

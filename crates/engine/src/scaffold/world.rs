@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use glam::DVec3;
+use strandflow_io::agreed_fps;
 
 use super::{NewTake, calibrated::Calibrated, footage::View};
 use crate::EngineError;
@@ -37,8 +38,7 @@ fn fps(
     asked: &NewTake,
     said: &mut Vec<String>,
 ) -> Result<f64, EngineError> {
-    let rates: Vec<f64> = views.iter().filter_map(|view| view.info.fps).collect();
-    let agreed = rates.first().copied().filter(|first| rates.iter().all(|fps| (fps - first).abs() <= 1e-3 * first));
+    let agreed = agreed_fps(views.iter().filter_map(|view| view.info.fps));
     let (fps, by) = if let Some(fps) = asked.fps {
         (fps, "--fps")
     } else if let Some(fps) = stated {

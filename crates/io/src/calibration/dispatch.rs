@@ -130,6 +130,8 @@ fn all_of(files: Vec<PathBuf>, read: impl Fn(&Path) -> Result<Described, IoError
                     && all.axes == one.axes =>
             {
                 all.cameras.extend(one.cameras);
+                let news = one.notes.into_iter().filter(|note| !all.notes.contains(note)).collect::<Vec<_>>();
+                all.notes.extend(news);
             }
             Some(all) => {
                 let fact = format!("is of another kind ({}) than the files before it ({})", one.dialect, all.dialect);

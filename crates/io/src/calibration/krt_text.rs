@@ -87,21 +87,18 @@ enum Kind {
 }
 
 fn kind(label: &str) -> Option<Kind> {
-    Some(match label {
+    Some(match label.to_ascii_lowercase().as_str() {
+        "k" | "intrinsic" | "intrinsics" | "camera_matrix" => Kind::K,
+        "r" | "rotation" => Kind::R,
         "t" | "tvec" | "translation" => Kind::T,
-        _ => match label.to_ascii_lowercase().as_str() {
-            "k" | "intrinsic" | "intrinsics" | "camera_matrix" => Kind::K,
-            "r" | "rotation" => Kind::R,
-            "t" | "tvec" | "translation" => Kind::T,
-            "extrinsic" | "extrinsics" | "rt" | "world_to_camera" | "w2c" => Kind::WorldToCamera,
-            "camera_to_world" | "c2w" | "pose" => Kind::CameraToWorld,
-            "p" | "projection" | "contour" => Kind::Projection,
-            "d" | "dist" | "distortion" => Kind::Distortion,
-            "size" | "image_size" | "resolution" => Kind::Size,
-            "width" => Kind::Width,
-            "height" => Kind::Height,
-            _ => return None,
-        },
+        "extrinsic" | "extrinsics" | "rt" | "world_to_camera" | "w2c" => Kind::WorldToCamera,
+        "camera_to_world" | "c2w" | "pose" => Kind::CameraToWorld,
+        "p" | "projection" | "contour" => Kind::Projection,
+        "d" | "dist" | "distortion" => Kind::Distortion,
+        "size" | "image_size" | "resolution" => Kind::Size,
+        "width" => Kind::Width,
+        "height" => Kind::Height,
+        _ => return None,
     })
 }
 

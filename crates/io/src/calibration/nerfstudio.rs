@@ -4,7 +4,7 @@
 //! `applied_transform` and `applied_scale`, which the file's poses hold already, are undone: the world is that of the
 //! calibration behind the file. The scale of the scene is arbitrary.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{collections::BTreeSet, path::Path};
 
 use glam::{DMat3, DVec3};
 use serde_json::Value;
@@ -34,26 +34,21 @@ pub(super) fn described(path: &Path, file: &Value, options: &ReadOptions) -> Res
             "applied_transform and applied_scale are undone: the world is that of the original calibration".to_owned(),
         );
     }
-    let mut views = BTreeMap::new();
-    let mut order = Vec::new();
+    let (mut seen, mut cameras) = (BTreeSet::new(), Vec::new());
     for (frame, name) in frames.iter().zip(names_of_images(&paths)) {
         if name.is_empty() {
             return Err(wrong("a frame has no `file_path`".into(), "give every frame the path of its image"));
         }
-        if views.contains_key(&name) {
-            continue;
+        if seen.insert(name.clone()) {
+            cameras.push(camera(path, &name, frame, file, applied.as_ref(), options)?);
         }
-        let camera = camera(path, &name, frame, file, applied.as_ref(), options)?;
-        order.push(name.clone());
-        views.insert(name, camera);
     }
-    if order.len() < frames.len() {
-        let left_out = frames.len() - order.len();
+    if cameras.len() < frames.len() {
+        let left_out = frames.len() - cameras.len();
         notes.push(format!(
             "{left_out} further frames of views are left out: of each view the first frame's pose counts"
         ));
     }
-    let cameras = order.iter().filter_map(|name| views.remove(name)).collect();
     Ok(Described {
         pose: Some(Pose::CameraToWorld),
         axes: Some(Axes::OpenGl),

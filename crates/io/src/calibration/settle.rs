@@ -118,9 +118,11 @@ fn poses_of(
         notes.push(format!("poses are read as {said}: so all cameras look at one place in front of them"));
         return Ok(all.swap_remove(best));
     }
-    if let Some(fallback) = file.fallback {
-        notes.push(format!("no convention: R and t are taken as {}", in_words(fallback)));
-        return read(fallback);
+    if let Some((usual_pose, usual_axes)) = file.fallback {
+        // What was said stays said.
+        let taken = (pose.unwrap_or(usual_pose), axes.unwrap_or(usual_axes));
+        notes.push(format!("no convention: R and t are taken as {}", in_words(taken)));
+        return read(taken);
     }
     let fact = "does not say which way its poses lead, and the cameras do not tell";
     Err(IoError::content(

@@ -79,3 +79,18 @@ fn a_thousand_and_one_cameras_are_no_rig() {
     let file = ring(1001, Pose::WorldToCamera, Axes::OpenCv);
     assert!(settle(Path::new("r"), file, &sized([640, 480])).unwrap_err().to_string().contains("1001 cameras"));
 }
+
+#[test]
+fn what_was_said_overrules_what_a_format_usually_means() {
+    // One camera tells nothing of its convention.
+    let file =
+        Described { fallback: Some((Pose::WorldToCamera, Axes::OpenCv)), ..ring(1, Pose::WorldToCamera, Axes::OpenCv) };
+    let read = |pose: Option<Pose>| {
+        let convention = Convention { pose, ..Convention::default() };
+        let options = ReadOptions { convention, ..ReadOptions::default() };
+        poses_of(Path::new("r"), &file, &options, &mut Vec::new()).unwrap().swap_remove(0)
+    };
+    let (usual, told) = (read(None), read(Some(Pose::CameraToWorld)));
+    let off = told.after(&usual).point(DVec3::new(1.0, 2.0, 3.0)) - DVec3::new(1.0, 2.0, 3.0);
+    assert!(off.length() < 1e-9, "{off}");
+}

@@ -42,8 +42,8 @@ impl Anchor {
         let labelled = labelled(tracker, &images, (frame, labels), &mut looks)?;
         let found = match tracker.mode {
             Mode::Paper => {
-                let followed = before.last().map(|last| tracker.followed(previous, &images, &last.tracks));
-                tracker.posed_by_eq1(over(followed.unwrap_or_else(|| labelled.clone()), &labelled), before)
+                let followed = tracker.followed(previous, &images, &before[before.len() - 1].tracks);
+                tracker.posed_by_eq1(over(followed, &labelled), before)
             }
             Mode::Robust => by_look(tracker, &images, &looks, &labelled, before),
         };
@@ -93,7 +93,7 @@ fn by_look(tracker: &Tracker, images: &[Arc<RgbImage>], looks: &Looks, labelled:
     let (expected, settings) = (expected(before), tracker.settings);
     let known = tracker.triangulated(labelled);
     let fixed = if tracker.in_common(&known) >= 3 { eq1(&tracker.model, &known) } else { None };
-    let start = fixed.unwrap_or_else(|| tracker.by_look(images, looks, before, settings.search_px).pose);
+    let start = fixed.unwrap_or_else(|| tracker.by_look(images, looks, before, tracker.reach(before, 0)).pose);
     // Around a pose that rests on labels, markers are at most a radius off; further away are others.
     let once = tracker.fit(&over(tracker.search(images, looks, &start, settings.marker_radius_px), labelled), start);
     let tracks = over(tracker.search(images, looks, &once, 0.5 * settings.marker_radius_px), labelled);

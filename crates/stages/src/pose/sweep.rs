@@ -65,11 +65,9 @@ fn swept(
                 tracker.posed_by_eq1(tracks, &found)
             }
             Mode::Robust => {
-                let gap = found.iter().rev().take_while(|found| !found.is_known).count();
                 // At a correction the head may be in full motion, at an unknown speed.
-                let gap = gap + usize::from(anchor.is_correction && found.len() == 1);
-                let reach = tracker.settings.search_px * (1 + gap.min(3)) as f64;
-                tracker.by_look(&images, &anchor.looks, &found, reach)
+                let more = usize::from(anchor.is_correction && found.len() == 1);
+                tracker.by_look(&images, &anchor.looks, &found, tracker.reach(&found, more))
             }
         };
         found.push(next);

@@ -163,6 +163,12 @@ impl<'a> Tracker<'a> {
         self.found(tracks, markers, pose, expected(before))
     }
 
+    /// How far from where they are expected markers are searched \[px\]: further after frames without a pose, and after `more`.
+    pub fn reach(&self, before: &[Found], more: usize) -> f64 {
+        let gap = more + before.iter().rev().take_while(|found| !found.is_known).count();
+        self.settings.search_px * (1 + gap.min(3)) as f64
+    }
+
     /// Robust mode: search where the pose is expected, agree, fit, search again where the pose now says.
     pub fn by_look(&self, images: &[Arc<RgbImage>], looks: &Looks, before: &[Found], reach: f64) -> Found {
         let expected = expected(before);
