@@ -7,8 +7,8 @@ use strandflow_core::{FrameRange, ImageSource, Mask, RgbImage, Rig};
 use strandflow_stages::Mode;
 
 use crate::{
-    EngineError, Manifest, Plan, disk, item::BLOCK_STRANDS, needs::Identities, rooms::masks::Looks, sources::Sources,
-    store::Store, views::Views,
+    EngineError, Manifest, Plan, disk, item::BLOCK_STRANDS, needs::Identities, rooms::field::HeadShape,
+    rooms::masks::Looks, sources::Sources, store::Store, views::Views,
 };
 
 /// Name of the results store within a take.
@@ -28,6 +28,7 @@ pub struct Take {
     sources: Sources,
     identities: Identities,
     looks: Looks,
+    head: HeadShape,
 }
 
 impl Take {
@@ -42,7 +43,17 @@ impl Take {
         let sources = Sources::open(root, &manifest, &rig, &views)?;
         let store = Store::open(&root.join(RESULTS))?;
         let (identities, looks) = (Identities::default(), Looks::default());
-        Ok(Self { root: root.to_owned(), manifest, rig, views, store, sources, identities, looks })
+        Ok(Self {
+            root: root.to_owned(),
+            manifest,
+            rig,
+            views,
+            store,
+            sources,
+            identities,
+            looks,
+            head: HeadShape::default(),
+        })
     }
 
     /// The take's folder.
@@ -68,6 +79,11 @@ impl Take {
     /// The results.
     pub fn store(&self) -> &Store {
         &self.store
+    }
+
+    /// The scalp as a distance.
+    pub(crate) fn head_shape(&self) -> &HeadShape {
+        &self.head
     }
 
     /// Gravity \[mm/s²\], world.

@@ -5,6 +5,7 @@ pub mod blue_noise;
 pub mod icp;
 pub mod lens;
 pub mod mesh_distance;
+pub mod order;
 pub mod polyline;
 pub mod primitives;
 pub mod project;

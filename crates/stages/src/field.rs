@@ -48,8 +48,8 @@ pub struct FieldInput<'a> {
     pub lines: &'a SparseVoxels<Line>,
     /// Hair masks, one a view.
     pub hairs: &'a [&'a Mask],
-    /// Scalp in head space.
-    pub scalp: &'a TriMesh,
+    /// Distance to the scalp in head space, as [`head_distance`] samples it.
+    pub head: &'a SignedDistance,
     /// The head's motion.
     pub world_from_head: RigidTransform,
 }
@@ -187,18 +187,22 @@ fn voxel(tensor: &Tensor, observed: bool) -> FieldVoxel {
     FieldVoxel { direction, trust: purity * reach, observed }
 }
 
-/// The scalp in head space as a distance field.
-struct Head {
-    distance: SignedDistance,
+/// The scalp as a distance field, and the way from the world into head space.
+struct Head<'a> {
+    distance: &'a SignedDistance,
     head_from_world: RigidTransform,
 }
 
-impl Head {
-    fn new(input: &FieldInput) -> Self {
-        // A head's radius is 80 mm: trilinear samples 4 mm apart are right to 0.03 mm, and eight times faster than 2 mm.
-        let sample_mm = (2.0 * input.hull.grid.voxel_mm).clamp(1.0, 4.0);
-        let distance = SignedDistance::from_mesh(input.scalp, sample_mm, 3.0 * sample_mm);
-        Self { distance, head_from_world: input.world_from_head.inverse() }
+/// The distance to a scalp, sampled as finely as a field of voxels of this edge needs it. The same for all frames of a take.
+pub fn head_distance(scalp: &TriMesh, voxel_mm: f64) -> SignedDistance {
+    // A head's radius is 80 mm: trilinear samples 4 mm apart are right to 0.03 mm, and eight times faster than 2 mm.
+    let sample_mm = (2.0 * voxel_mm).clamp(1.0, 4.0);
+    SignedDistance::from_mesh(scalp, sample_mm, 3.0 * sample_mm)
+}
+
+impl<'a> Head<'a> {
+    fn new(input: &FieldInput<'a>) -> Self {
+        Self { distance: input.head, head_from_world: input.world_from_head.inverse() }
     }
 
     fn signed_distance(&self, point_in_world: DVec3) -> f64 {

@@ -7,9 +7,9 @@
 mod carry;
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Place, Provenance, Report, RigidTransform, SparseVoxels, Strands};
+use strandflow_geometry::order::map_places;
 use strandflow_volume::{tensor::Tensor, velocity::VoxelIndex};
 
 use crate::{Mode, SettingViolation, StageError, field::FieldVoxel, grow::carry::Carrier};
@@ -143,15 +143,12 @@ pub fn grow(
     let grower = Grower { field, mode, settings, down: input.gravity.as_vec3().normalize_or_zero() };
     let carrier = input.before.as_ref().filter(|_| mode == Mode::Robust && settings.follow > 0.0);
     let carrier = carrier.map(|before| Carrier::new(before, input.world_from_head));
-    let grown: Vec<Grown> = (0..input.roots.len())
-        .into_par_iter()
-        .map(|i| {
-            let root = input.world_from_head.point(input.roots[i]).as_vec3();
-            let normal = input.world_from_head.vector(input.normals[i]).as_vec3().normalize_or_zero();
-            let carried = carrier.as_ref().map(|carrier| carrier.carried(i)).unwrap_or_default();
-            grower.grow(root, normal, &carried)
-        })
-        .collect();
+    let roots: Vec<Vec3> = input.roots.iter().map(|root| input.world_from_head.point(*root).as_vec3()).collect();
+    let grown: Vec<Grown> = map_places(&roots, |i| {
+        let normal = input.world_from_head.vector(input.normals[i]).as_vec3().normalize_or_zero();
+        let carried = carrier.as_ref().map(|carrier| carrier.carried(i)).unwrap_or_default();
+        grower.grow(roots[i], normal, &carried)
+    });
     let mut strands = Strands::new();
     grown.iter().for_each(|strand| strands.push(&strand.points, &strand.provenance, &strand.confidence));
 

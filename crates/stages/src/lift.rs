@@ -11,7 +11,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use strandflow_core::{Camera, Mask, Occupancy, Place, Plane, Report, Rig, SparseVoxels};
+use strandflow_core::{Camera, Grid, Mask, Occupancy, Place, Plane, Report, Rig, SparseVoxels};
 use strandflow_geometry::project::{depth, plane_normal, project};
 use strandflow_volume::{
     tensor::Tensor,
@@ -106,18 +106,35 @@ pub fn lift(
     let views: Vec<View> = (0..input.rig.view_count()).into_par_iter().map(|v| View::new(input, &surface, v)).collect();
     let lifter = Lifter { views, mode, settings, band_mm: band_mm(mode, settings, grid.voxel_mm) };
 
-    let candidates: Vec<u32> = input.hull.indices().map(|index| index as u32).collect();
-    let found: Vec<(u32, Line)> = candidates
-        .par_iter()
-        .with_min_len(1024)
-        .filter_map(|&voxel| Some((voxel, lifter.line_at(grid.centre_of_index(voxel as usize))?)))
-        .collect();
+    let in_brick = |corner: [usize; 3]| brick(input.hull, corner).filter_map(|voxel| lifter.line_in(&grid, voxel));
+    let mut found: Vec<(u32, Line)> = bricks(&grid).into_par_iter().flat_map_iter(in_brick).collect();
+    found.sort_unstable_by_key(|(voxel, _)| *voxel);
     if found.is_empty() {
         let fact = "no voxel has a line on which three views agree";
         report.warn(Place::frame(input.frame), fact, "the field of this frame rests on the scalp alone");
     }
     let (indices, values) = found.into_iter().unzip();
     Ok(SparseVoxels { grid, indices, values })
+}
+
+/// Edge of a brick \[voxels\]. The voxels of a brick show small patches of all images, which stay in the cache while it is
+/// worked on; along a row of the grid every voxel would wait for memory.
+const BRICK: usize = 8;
+
+/// The first corners of all bricks of a grid.
+fn bricks(grid: &Grid) -> Vec<[usize; 3]> {
+    let [nx, ny, nz] = grid.dims;
+    let along = |n: usize| (0..n).step_by(BRICK);
+    along(nz).flat_map(|z| along(ny).flat_map(move |y| along(nx).map(move |x| [x, y, z]))).collect()
+}
+
+/// The occupied voxels of a brick.
+fn brick(hull: &Occupancy, [x0, y0, z0]: [usize; 3]) -> impl Iterator<Item = usize> + '_ {
+    let [nx, ny, nz] = hull.grid.dims;
+    let along = |from: usize, n: usize| from..(from + BRICK).min(n);
+    along(z0, nz)
+        .flat_map(move |z| along(y0, ny).flat_map(move |y| along(x0, nx).map(move |x| hull.grid.index([x, y, z]))))
+        .filter(|&voxel| hull.get(voxel))
 }
 
 fn band_mm(mode: Mode, settings: &LiftSettings, voxel_mm: f64) -> f32 {
@@ -174,6 +191,11 @@ struct Lifter<'a> {
 }
 
 impl Lifter<'_> {
+    /// The number of a voxel, and its line.
+    fn line_in(&self, grid: &Grid, voxel: usize) -> Option<(u32, Line)> {
+        Some((voxel as u32, self.line_at(grid.centre_of_index(voxel))?))
+    }
+
     fn line_at(&self, point: glam::DVec3) -> Option<Line> {
         let mut votes = [None; MAX_VIEWS];
         let mut count = 0;

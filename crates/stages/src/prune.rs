@@ -8,8 +8,11 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use strandflow_core::{Camera, Grid, Occupancy, Place, Report, Rig, Strands};
-use strandflow_geometry::project::{depth, project, project_direction};
+use strandflow_core::{Camera, Grid, Occupancy, Place, Plane, Report, Rig, Strands};
+use strandflow_geometry::{
+    order::map_places,
+    project::{depth, project, project_direction},
+};
 use strandflow_volume::{
     tensor::Tensor,
     visibility::{DepthMap, surface_voxels},
@@ -157,7 +160,9 @@ fn against_images(input: &PruneInput, mode: Mode, settings: &PruneSettings) -> V
             Mode::Robust => good_until(points, (&votes, stride), settings),
         }
     };
-    (0..input.strands.strand_count()).into_par_iter().map(count_kept).collect()
+    let start = |n: usize| input.strands.strand(n).first().copied().unwrap_or(Vec3::NAN);
+    let starts: Vec<Vec3> = (0..input.strands.strand_count()).map(start).collect();
+    map_places(&starts, count_kept)
 }
 
 /// The voxels that hold two points or more, rising: a single strand does not hide what lies behind it.
@@ -174,31 +179,41 @@ fn dense_voxels(grid: &Grid, strands: &Strands) -> Vec<u32> {
 struct View<'a> {
     camera: &'a Camera,
     centre: Vec3,
-    map: &'a OrientationMap,
-    depth: DepthMap,
+    pixels: Plane<Pixel>,
+}
+
+/// What a view knows at a pixel, side by side: strands ask all over the image, and each place that they ask for comes from
+/// memory.
+#[derive(Clone, Copy)]
+struct Pixel {
+    /// Distance along the optical axis to what is seen first \[mm\]; infinite where that is nothing.
+    first: f32,
+    angle: f32,
+    confidence: f32,
 }
 
 impl<'a> View<'a> {
     /// What is seen first is the surface of the strands themselves (`dense`) where there are any, since the hull is larger
     /// than the hair, and else that of the hull.
-    fn new(camera: &'a Camera, map: &'a OrientationMap, grid: &Grid, [surface, dense]: [&[u32]; 2]) -> Self {
-        let mut depth = DepthMap::of_voxels(camera, grid, dense);
-        let hull = DepthMap::of_voxels(camera, grid, surface);
-        for (first, hull) in depth.depth.data.iter_mut().zip(&hull.depth.data).filter(|(first, _)| !first.is_finite()) {
-            *first = *hull;
-        }
-        Self { camera, centre: camera.centre_in_world().as_vec3(), map, depth }
+    fn new(camera: &'a Camera, map: &OrientationMap, grid: &Grid, [surface, dense]: [&[u32]; 2]) -> Self {
+        let [dense, hull] = [dense, surface].map(|voxels| DepthMap::of_voxels(camera, grid, voxels).depth);
+        let pixel = |i: usize| {
+            let first = if dense.data[i].is_finite() { dense.data[i] } else { hull.data[i] };
+            Pixel { first, angle: map.angle.data[i], confidence: map.confidence.data[i] }
+        };
+        let (width, height) = (camera.width, camera.height);
+        let pixels = Plane { width, height, data: (0..width * height).map(pixel).collect() };
+        Self { camera, centre: camera.centre_in_world().as_vec3(), pixels }
     }
 
     /// Angle between a tangent at a point and the orientation there, and its weight; `None` where the view says nothing.
     fn error(&self, point: Vec3, tangent: Vec3, visible_mm: f32) -> Option<(f32, f32)> {
         let at = point.as_dvec3();
         let pixel = project(self.camera, at)?;
-        let &confidence = self.map.confidence.at_point(pixel.x, pixel.y)?;
-        let seen = self.depth.behind_at(pixel, depth(self.camera, at)).is_some_and(|behind| behind <= visible_mm);
+        let &Pixel { first, angle, confidence } = self.pixels.at_point(pixel.x, pixel.y)?;
+        let seen = first.is_finite() && depth(self.camera, at) as f32 - first <= visible_mm;
         (confidence > 0.0 && seen).then_some(())?;
         let direction = project_direction(self.camera, at, tangent.as_dvec3())?.as_vec2();
-        let &angle = self.map.angle.at_point(pixel.x, pixel.y)?;
         // A strand that points at the camera has no sure direction in the image.
         let towards = (self.centre - point).normalize();
         let cosine = direction.dot(Vec2::from_angle(angle)).abs().min(1.0);

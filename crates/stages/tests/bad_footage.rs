@@ -12,7 +12,7 @@ use strandflow_geometry::project::ray;
 use strandflow_image::filter::gaussian;
 use strandflow_stages::{
     Mode, StageError,
-    field::{FieldInput, FieldSettings, FieldVoxel, field},
+    field::{FieldInput, FieldSettings, FieldVoxel, field, head_distance},
     hull::{HullSettings, hull},
     lift::{LiftInput, LiftSettings, Line, lift},
     masks::{Masks, MasksInput, MasksSettings, masks},
@@ -225,7 +225,7 @@ fn field_of(rig: &Rig, hull: &Occupancy, hairs: &[Mask], head: f64) -> (Field, R
         hull,
         lines: &SparseVoxels { grid: hull.grid, indices: vec![seen], values: vec![line] },
         hairs: &hairs.iter().collect::<Vec<_>>(),
-        scalp: &ball(head),
+        head: &head_distance(&ball(head), hull.grid.voxel_mm),
         world_from_head: RigidTransform::IDENTITY,
     };
     (field(&input, Mode::Robust, &FieldSettings::default(), &mut report), report)

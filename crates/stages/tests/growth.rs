@@ -12,7 +12,7 @@ use strandflow_geometry::project::{project, project_direction, ray};
 use strandflow_stages::{
     Mode,
     field::{
-        FieldInput, FieldSettings, FieldVoxel, field,
+        FieldInput, FieldSettings, FieldVoxel, field, head_distance,
         motion::{MotionInput, motion},
     },
     grow::{Before, GrowInput, GrowSettings, grow},
@@ -90,7 +90,7 @@ impl Scene {
             hull: &self.hull,
             lines,
             hairs: &hairs,
-            scalp: &ball(HEAD),
+            head: &head_distance(&ball(HEAD), self.hull.grid.voxel_mm),
             world_from_head: RigidTransform::IDENTITY,
         };
         field(&input, mode, &FieldSettings::default(), &mut Report::default()).unwrap()

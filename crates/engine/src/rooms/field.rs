@@ -1,10 +1,34 @@
 //! Stage 7.
 
-use strandflow_core::Report;
-use strandflow_stages::field::FieldInput;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use strandflow_core::{Report, TriMesh};
+use strandflow_geometry::signed_distance::SignedDistance;
+use strandflow_stages::field::{FieldInput, head_distance};
 
 use super::{frame_of, need_hull, need_masks, need_pose, need_rig, need_scalp, of_stage, of_views, refs};
-use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
+use crate::{EngineError, Needs, Take, item::Item, store::Writer, table::Job};
+
+/// The distance to the scalp, which is that of all frames: sampled once.
+#[derive(Default)]
+pub(crate) struct HeadShape(Mutex<Option<Sampled>>);
+
+/// A scalp, the edge of the grid's voxels \[mm\], and the distance that was sampled for them.
+type Sampled = (TriMesh, f64, Arc<SignedDistance>);
+
+impl HeadShape {
+    fn of(&self, take: &Take) -> Result<Arc<SignedDistance>, EngineError> {
+        let (scalp, voxel_mm) = (take.read_scalp()?.mesh, take.read_grid()?.voxel_mm);
+        let kept = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((.., distance)) = kept().as_ref().filter(|kept| kept.0 == scalp && kept.1 == voxel_mm) {
+            return Ok(distance.clone());
+        }
+        // Not under the lock: while the samples are taken this thread may be given another frame, which would wait for it.
+        let distance = Arc::new(head_distance(&scalp, voxel_mm));
+        *kept() = Some((scalp, voxel_mm, distance.clone()));
+        Ok(distance)
+    }
+}
 
 pub(crate) fn prepare(_: &Job) -> Result<(), EngineError> {
     Ok(())
@@ -32,7 +56,7 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
         hull: &take.read_hull(frame)?,
         lines: &take.read_lines(frame)?,
         hairs: &refs(&hairs),
-        scalp: &take.read_scalp()?.mesh,
+        head: &*take.head_shape().of(take)?,
         world_from_head: take.read_pose(frame)?,
     };
     let field = strandflow_stages::field::field(&input, job.plan.mode, &job.plan.settings.field, report)
