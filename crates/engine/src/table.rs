@@ -116,7 +116,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "orient",
         summary: "orientation of every hair pixel",
-        version: 4,
+        version: 5,
         has_modes: true,
         settings: settings_of!(orient),
         phases: &[phase!("orient/orient", ViewFrame, Frames, rooms::orient)],
@@ -132,7 +132,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "field",
         summary: "the dense line field",
-        version: 3,
+        version: 4,
         has_modes: true,
         settings: settings_of!(field),
         phases: &[
@@ -143,7 +143,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "grow",
         summary: "strands from the roots",
-        version: 5,
+        version: 6,
         has_modes: true,
         settings: settings_of!(grow),
         phases: &[phase!("grow/grow", FrameChained, Frames, rooms::grow)],
@@ -151,7 +151,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "prune",
         summary: "outliers removed",
-        version: 2,
+        version: 3,
         has_modes: true,
         settings: settings_of!(prune),
         phases: &[phase!("prune/prune", Frame, Frames, rooms::prune)],

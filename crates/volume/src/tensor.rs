@@ -56,13 +56,12 @@ impl Tensor {
     }
 
     /// The principal direction and 1 − λ₂/λ₁, in which 1 is a pure line and 0 has no direction. `guess` is a direction
-    /// near which the iteration starts; eight power steps on the squared tensor, exact to 1e-3 rad where λ₂/λ₁ < 0.7.
+    /// that is not across it. The tensor's sixteenth power, exact to 4e-3 rad where λ₂/λ₁ < 0.7.
     pub fn principal(&self, guess: Vec3) -> (Vec3, f32) {
         let squared = self.times_itself();
-        let mut d = guess;
-        for _ in 0..8 {
-            d = squared.apply(d).try_normalize().unwrap_or(guess);
-        }
+        // Squared thrice again, each time at a trace of one: a chain of few operations, and without a root.
+        let power = (0..3).fold(squared, |power, _| (power * power.trace().max(1e-30).recip()).times_itself());
+        let d = power.apply(guess).try_normalize().unwrap_or(guess);
         let first = d.dot(self.apply(d)).max(1e-12);
         // The two others follow from trace and Frobenius norm.
         let rest = self.trace() - first;

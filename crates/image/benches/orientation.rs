@@ -1,0 +1,63 @@
+//! What stage `orient` is made of, on the hair's box of one view (320×320 pixels): blurs, the filter bank, pooling along lines.
+//! Throughput counts floating-point operations, so that it reads as Gflop/s of one core.
+#![allow(missing_docs)]
+
+use std::hint::black_box;
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use strandflow_core::Plane;
+use strandflow_image::{
+    filter::{gaussian, gaussian_half},
+    gabor::{OrientationEnergy, add_energy},
+    pool::along_lines,
+};
+
+const SIZE: usize = 320;
+const PIXELS: u64 = (SIZE * SIZE) as u64;
+
+/// Taps to either side of the centre.
+fn reach(sigma: f32) -> u64 {
+    gaussian_half(sigma).len() as u64 - 1
+}
+
+/// Wavy lines of some 6 pixels.
+fn texture() -> Plane<f32> {
+    Plane::from_fn(SIZE, SIZE, |x, y| (x as f32 + 8.0 * (y as f32 / 40.0).sin()).sin() + 0.3 * (0.7 * y as f32).cos())
+}
+
+fn blurs(bench: &mut Criterion) {
+    let (plane, mut group) = (texture(), bench.benchmark_group("gaussian"));
+    for sigma in [2.0f32, 8.0, 24.0] {
+        // Two passes; two additions and a product for each pair of taps, a product for the centre.
+        group.throughput(Throughput::Elements(2 * PIXELS * (3 * reach(sigma) + 1)));
+        group.bench_function(format!("sigma {sigma}"), |b| b.iter(|| gaussian(black_box(&plane), sigma)));
+    }
+}
+
+fn bank(bench: &mut Criterion) {
+    let (plane, mut group) = (texture(), bench.benchmark_group("filter bank"));
+    let (wavelength, sigma, orientations) = (6.5f32, 3.25f32, 12);
+    // Of each of seven mirrored orientations: two row and four column passes, and 22 operations of energies.
+    let passes = 6 * (3 * reach(sigma) + 1) + 22;
+    group.throughput(Throughput::Elements(7 * PIXELS * passes));
+    group.bench_function("12 orientations of 6.5 px", |b| {
+        let mut energy = OrientationEnergy::zero(SIZE, SIZE);
+        b.iter(|| add_energy(black_box(&plane), (wavelength, sigma), orientations, 1.0, &mut energy));
+    });
+}
+
+fn pooling(bench: &mut Criterion) {
+    let mut energy = OrientationEnergy::zero(SIZE, SIZE);
+    add_energy(&texture(), (6.5, 3.25), 12, 1.0, &mut energy);
+    let inside = Plane::filled(SIZE, SIZE, true);
+    let mut group = bench.benchmark_group("along lines");
+    // Ten steps to either side of 20 operations each.
+    group.throughput(Throughput::Elements(PIXELS * 20 * 20));
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    group.bench_function("sigma 10", |b| {
+        b.iter(|| one.install(|| along_lines(black_box(&energy), &energy, &inside, 10.0)));
+    });
+}
+
+criterion_group! { name = benches; config = Criterion::default().sample_size(20); targets = blurs, bank, pooling }
+criterion_main!(benches);
