@@ -125,6 +125,7 @@ impl Drawn<'_> {
         let mut work = Work::default();
         let mut strokes = Strokes::default();
         let mut rest = pieces.as_mut_slice();
+        let mut open_count = tile.open_count();
         while !rest.is_empty() {
             let start = Instant::now();
             let count = rest.len().min(AT_A_TIME);
@@ -142,7 +143,10 @@ impl Drawn<'_> {
             let lit = Instant::now();
             self.add(tile, &strokes);
             let added = Instant::now();
-            let open = seen_first(far, |piece| tile.is_open(piece.span));
+            // To look through all that are left pays only when some more are hidden.
+            let is_fewer = tile.open_count() + TILE < open_count;
+            let open = if is_fewer { seen_first(far, |piece| tile.is_open(piece.span)) } else { far.len() };
+            open_count = if is_fewer { tile.open_count() } else { open_count };
             rest = &mut far[..open];
             work.ordered = (work.ordered.0 + count, work.ordered.1 + (ordered - start) + added.elapsed());
             work.covered = (work.covered.0 + strokes.fragments.len(), work.covered.1 + (covered - ordered));

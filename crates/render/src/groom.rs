@@ -9,7 +9,7 @@ use std::f32::consts::{FRAC_1_PI, PI, TAU};
 use glam::{DMat3, Mat3, Quat, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
-use crate::{chance::Chance, subject::Subject, thread::Vertex};
+use crate::{chance::Chance, scattering::ROUNDING, subject::Subject, thread::Vertex};
 
 /// Share of a child's distance at the root that is left at the tip. At 1 hair has no locks; below 0.3 it looks wet.
 const CLUMP: f32 = 0.4;
@@ -230,11 +230,11 @@ impl Strand {
     }
 }
 
-/// The sines of four angles that are not negative, to 1e-5: those of the rest after whole half turns by their Taylor series.
+/// The sines of four angles of up to 100 rad, to 1e-5: those of the rest after whole half turns by their Taylor series.
 fn sines(angle: Vec4) -> Vec4 {
-    let turns = (angle * FRAC_1_PI).to_array().map(|turns| (turns + 0.5) as i32);
-    let rest = angle - Vec4::from_array(turns.map(|turns| turns as f32)) * PI;
-    let sign = Vec4::from_array(turns.map(|turns| f32::from_bits(1f32.to_bits() | (turns as u32) << 31)));
+    let shifted = angle * FRAC_1_PI + ROUNDING;
+    let rest = angle - (shifted - ROUNDING) * PI;
+    let sign = Vec4::from_array(shifted.to_array().map(|turns| f32::from_bits(1f32.to_bits() | turns.to_bits() << 31)));
     let series = [1.0 / 362_880.0, -1.0 / 5040.0, 1.0 / 120.0, -1.0 / 6.0, 1.0];
     let square = rest * rest;
     sign * rest * series.into_iter().fold(Vec4::splat(-1.0 / 39_916_800.0), |sum, term| sum * square + term)

@@ -29,6 +29,8 @@ pub(crate) struct Tile {
     skin: Vec<SkinPixel>,
     /// Pixels through which more is seen: a row each, the first pixel lowest.
     open: [u32; TILE],
+    /// How many there are.
+    open_count: usize,
 }
 
 /// Light gathered on the way into the picture, and the share of what is behind that is seen through it.
@@ -75,6 +77,7 @@ impl Tile {
             layers: [clear.clone(), clear],
             skin: vec![SkinPixel::default(); TILE * TILE],
             open: [u32::MAX; TILE],
+            open_count: TILE * TILE,
         }
     }
 
@@ -133,6 +136,11 @@ impl Tile {
                 }
             }
         }
+    }
+
+    /// Number of pixels through which more is seen.
+    pub(crate) fn open_count(&self) -> usize {
+        self.open_count
     }
 
     /// Whether something that is behind all that was drawn and touches only these pixels can be seen.
@@ -208,6 +216,7 @@ impl Tile {
             self.layers[1][pixel].through = 0.0;
             if layer == 0 {
                 self.open[pixel / TILE] &= !(1 << (pixel % TILE));
+                self.open_count -= 1;
             }
         }
         weight

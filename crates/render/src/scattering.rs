@@ -130,13 +130,17 @@ impl Crowd {
     }
 }
 
+/// Added to a number of at most 2²², this rounds it to a whole one, which is in the last bits then: many times faster than a
+/// cast, which asks for all that may go wrong.
+pub(crate) const ROUNDING: f32 = 12_582_912.0;
+
 /// The exponentials of four numbers that are not positive, to a part in 100,000: powers of two times a Taylor series over half of
 /// a power, four at a time where the library takes one.
 pub(crate) fn decayed(x: Vec4) -> Vec4 {
     let x = x.clamp(Vec4::splat(-80.0), Vec4::ZERO);
-    let powers = (x * std::f32::consts::LOG2_E).to_array().map(|p| (p - 0.5) as i32);
-    let whole = Vec4::from_array(powers.map(|p| p as f32));
-    let scale = Vec4::from_array(powers.map(|p| f32::from_bits(((p + 127) as u32) << 23)));
+    let shifted = x * std::f32::consts::LOG2_E + ROUNDING;
+    let whole = shifted - ROUNDING;
+    let scale = Vec4::from_array(shifted.to_array().map(|p| f32::from_bits(p.to_bits().wrapping_add(127) << 23)));
     let rest = x - whole * std::f32::consts::LN_2;
     let series = [1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0];
     scale * series.into_iter().fold(Vec4::splat(1.0 / 720.0), |sum, term| sum * rest + term)
