@@ -1,5 +1,5 @@
 //! What each phase of a picture costs: 8,000 strands of 340 mm in locks, waves of 60 mm, moving, over a head; 640x480; the
-//! default density (8 hairs a strand).
+//! default density (9 hairs a strand there).
 //!
 //! `cargo bench -p strandflow-render`. Work is counted from the code: operations and bytes that one item must cost if nothing is
 //! read twice. The limit is the larger of both by what this machine's cores do at that moment: a loop of multiplications and
@@ -55,8 +55,7 @@ fn main() -> Result<(), RenderError> {
     let once = || {
         let head = Head { mesh: &mesh, world_from_head: still, next_world_from_head: still };
         let start = Instant::now();
-        let (picture, phases) =
-            render_accounted(&Subject { hair: &hair, head: Some(head) }, &camera, &rig, &settings)?;
+        let (picture, phases) = render_accounted(&Subject { hair: &hair, head: Some(head) }, &camera, &rig, &settings)?;
         black_box(picture);
         Ok::<_, RenderError>((start.elapsed().as_secs_f64(), phases))
     };
