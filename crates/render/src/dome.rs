@@ -25,7 +25,7 @@ impl Dome {
     /// From hairs `width_mm` thick and the head, brightest towards `up`.
     pub(crate) fn new(hair: &Grown, width_mm: f32, head: Option<&Surface>, up: Vec3) -> Self {
         let none = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        let hairs = hair.points.iter().step_by(7).map(|p| p.at);
+        let hairs = hair.points.iter().step_by(7).copied();
         let all = hairs.chain(head.iter().flat_map(|head| head.vertices.iter().copied()));
         let (low, high) = all.fold(none, |(low, high), p| (low.min(p), high.max(p)));
         let low = low - 2.0 * VOXEL_MM;
@@ -45,13 +45,13 @@ impl Dome {
         let mean_edge = points
             .windows(2)
             .step_by(101)
-            .map(|pair| pair[0].at.distance(pair[1].at))
+            .map(|pair| pair[0].distance(pair[1]))
             .filter(|edge| *edge < 20.0)
             .fold((0.0, 0.0), |(sum, n), edge| (sum + edge, n + 1.0));
         let edge = if mean_edge.1 > 0.0 { mean_edge.0 / mean_edge.1 } else { 0.0 };
         let of_point = STEP as f32 * std::f32::consts::FRAC_PI_4 * width_mm * edge / (VOXEL_MM * VOXEL_MM);
         for p in points.iter().step_by(STEP) {
-            counts[self.voxel(p.at)] += of_point;
+            counts[self.voxel(*p)] += of_point;
         }
         if let Some(head) = head {
             self.fill_head(head, &mut counts);

@@ -88,22 +88,24 @@ impl Roughness {
         std::array::from_fn(|p| longitudinal(variances[p], light, turned[p]) * sized(p))
     }
 
-    /// N of each path: share of the light that the fibre sends into an azimuth \[1/rad\], averaged over where the rays meet
+    /// N of each path: share of the light that the fibre sends into azimuths \[1/rad\], averaged over where the rays meet
     /// it, for a difference angle θd of light and eye.
-    pub(crate) fn azimuthal(self, absorption: Vec3, cos_d: f32, phi: f32) -> [Vec3; PATHS] {
+    pub(crate) fn azimuthal(self, absorption: Vec3, cos_d: f32, phi: &[f32]) -> Vec<[Vec3; PATHS]> {
         /// Strips of the fibre's width: with half of them single strips show in smooth fibres.
         const STRIPS: usize = 40;
         let scale = self.scale();
-        let mut sum = [Vec3::ZERO; PATHS];
+        let mut sums = vec![[Vec3::ZERO; PATHS]; phi.len()];
         for strip in 0..STRIPS {
             let h = (strip as f32 + 0.5) * 2.0 / STRIPS as f32 - 1.0;
             let (shares, angles) = paths(absorption, cos_d, h);
-            for p in 0..PATHS - 1 {
-                sum[p] += shares[p] * trimmed_logistic(phi - angles[p], scale);
+            for (sum, phi) in sums.iter_mut().zip(phi) {
+                for p in 0..PATHS - 1 {
+                    sum[p] += shares[p] * trimmed_logistic(phi - angles[p], scale);
+                }
+                sum[PATHS - 1] += shares[PATHS - 1] / TAU;
             }
-            sum[PATHS - 1] += shares[PATHS - 1] / TAU;
         }
-        sum.map(|s| s / STRIPS as f32)
+        sums.into_iter().map(|sum| sum.map(|s| s / STRIPS as f32)).collect()
     }
 }
 
@@ -180,9 +182,8 @@ mod tests {
             let eye = Inclination { sin: theta.sin(), cos: theta.cos() };
             let m = roughness.longitudinal(light, eye);
             let cos_d = (0.5 * (1.0 + light.cos * eye.cos + light.sin * eye.sin)).sqrt();
-            for column in 0..COLUMNS {
-                let phi = ((column as f32 + 0.5) / COLUMNS as f32) * TAU;
-                let n = roughness.azimuthal(absorption, cos_d, phi);
+            let phi: Vec<f32> = (0..COLUMNS).map(|column| (column as f32 + 0.5) / COLUMNS as f32 * TAU).collect();
+            for n in roughness.azimuthal(absorption, cos_d, &phi) {
                 let of_path = (0..PATHS).map(|p| n[p] * m[p]).sum::<Vec3>();
                 sum += of_path * eye.cos * (PI / ROWS as f32) * (TAU / COLUMNS as f32);
             }

@@ -4,12 +4,12 @@
 //! (parallel transport), from the scalp's tangent plane at the root; children come together towards the tips. All chance
 //! comes from the strand's name and the number of the child, so a child is the same hair in every frame.
 
-use std::f32::consts::TAU;
+use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
-use glam::{DMat3, Mat3, Quat, Vec2, Vec3};
+use glam::{DMat3, Mat3, Quat, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
-use crate::{chance::Chance, subject::Subject};
+use crate::{chance::Chance, scattering::ROUNDING, subject::Subject, thread::Vertex};
 
 /// Share of a child's distance at the root that is left at the tip. At 1 hair has no locks; below 0.3 it looks wet.
 const CLUMP: f32 = 0.4;
@@ -38,8 +38,10 @@ pub(crate) struct Point {
 
 /// All hairs, those of one strand after one another.
 pub(crate) struct Grown {
-    /// Points; a strand's hairs have equally many.
-    pub points: Vec<Point>,
+    /// Points, world \[mm\]; a strand's hairs have equally many.
+    pub points: Vec<Vec3>,
+    /// The same points in the picture.
+    pub vertices: Vec<Vertex>,
     /// Where each strand's hairs begin in `points`; one more than strands.
     pub starts: Vec<usize>,
     /// Points of a hair, by strand.
@@ -61,8 +63,9 @@ pub(crate) struct Growth {
 }
 
 impl Grown {
-    /// Grows the children of all strands.
-    pub(crate) fn new(subject: &Subject, growth: &Growth) -> Self {
+    /// Grows the children of all strands. `seen` says where the points of a hair lie in the picture: while they are at
+    /// hand, so that their motion is never stored.
+    pub(crate) fn new(subject: &Subject, growth: &Growth, seen: impl Fn(&[Point], &mut [Vertex]) + Sync) -> Self {
         let hair = subject.hair;
         let counts: Vec<usize> = (0..hair.strand_count())
             .map(|n| match hair.strand(n).len() {
@@ -71,21 +74,28 @@ impl Grown {
             })
             .collect();
         let starts = starts(counts.iter().map(|count| count * growth.density));
-        let mut points: Vec<Point> = touched(starts[counts.len()], Point::default);
+        let mut points: Vec<Vec3> = touched(starts[counts.len()], || Vec3::ZERO);
+        let mut vertices: Vec<Vertex> = touched(points.len(), Vertex::default);
         let cell = Cell::of(subject);
-        slices(&mut points, &starts).into_par_iter().enumerate().for_each(|(n, out)| {
-            if counts[n] == 0 {
+        let parts = (slices(&mut points, &starts), slices(&mut vertices, &starts));
+        parts.into_par_iter().enumerate().for_each(|(n, (points, vertices))| {
+            let count = counts[n];
+            if count == 0 {
                 return;
             }
             let range = hair.offsets[n]..hair.offsets[n + 1];
             let mut own: Vec<Point> = range.map(|i| Point { at: hair.points[i], motion: hair.motion[i] }).collect();
             polish(&mut own, growth.polish);
             let strand = Strand::new(rounded(&own, growth.pieces), &cell);
-            for (child, out) in out.chunks_mut(counts[n]).enumerate() {
-                strand.child(&cell, growth.seed ^ u64::from(hair.names[n]) << 20, child as u64, out);
+            let seed = growth.seed ^ u64::from(hair.names[n]) << 20;
+            let mut grown = vec![Point::default(); count];
+            for (child, (points, vertices)) in points.chunks_mut(count).zip(vertices.chunks_mut(count)).enumerate() {
+                strand.child(&cell, seed, child as u64, &mut grown);
+                seen(&grown, vertices);
+                points.iter_mut().zip(&grown).for_each(|(out, point)| *out = point.at);
             }
         });
-        Self { points, starts, counts, density: growth.density }
+        Self { points, vertices, starts, counts, density: growth.density }
     }
 }
 
@@ -196,6 +206,8 @@ impl Strand {
         // Two waves a direction, 40 to 160 mm long.
         let waves: [[f32; 3]; 4] =
             std::array::from_fn(|_| [chance.normal() * wander, 0.04 + 0.12 * chance.share(), chance.share() * TAU]);
+        let [height, per_mm, phase] = [0, 1, 2].map(|i| Vec4::from_array(waves.map(|wave| wave[i])));
+        let at_root = sines(phase);
         let last = self.points.len() - 1;
         for (k, out) in out.iter_mut().enumerate() {
             let along = k as f32 * end;
@@ -204,10 +216,10 @@ impl Strand {
             let (a, b) = (&self.points[i], &self.points[i + 1]);
             let arc = self.arc[i] + (self.arc[i + 1] - self.arc[i]) * f;
             let share = arc / self.arc[last].max(1e-3);
-            let wave = |w: &[f32; 3]| w[0] * ((w[1] * arc + w[2]).sin() - w[2].sin());
+            let wave = height * (sines(per_mm * arc + phase) - at_root);
             let gather = 1.0 - (1.0 - CLUMP) * share * share * (3.0 - 2.0 * share);
-            let x = place.x * gather + (wave(&waves[0]) + wave(&waves[1])) * share;
-            let y = place.y * gather + (wave(&waves[2]) + wave(&waves[3])) * share;
+            let x = place.x * gather + (wave.x + wave.y) * share;
+            let y = place.y * gather + (wave.z + wave.w) * share;
             let free = (arc / ROOTED_MM).min(1.0);
             let axis = |d: usize| {
                 let frame = self.frames[i][d].lerp(self.frames[i + 1][d], f);
@@ -216,6 +228,16 @@ impl Strand {
             *out = Point { at: a.at.lerp(b.at, f) + axis(0) * x + axis(1) * y, motion: a.motion.lerp(b.motion, f) };
         }
     }
+}
+
+/// The sines of four angles of up to 100 rad, to 1e-5: those of the rest after whole half turns by their Taylor series.
+fn sines(angle: Vec4) -> Vec4 {
+    let shifted = angle * FRAC_1_PI + ROUNDING;
+    let rest = angle - (shifted - ROUNDING) * PI;
+    let sign = Vec4::from_array(shifted.to_array().map(|turns| f32::from_bits(1f32.to_bits() | turns.to_bits() << 31)));
+    let series = [1.0 / 362_880.0, -1.0 / 5040.0, 1.0 / 120.0, -1.0 / 6.0, 1.0];
+    let square = rest * rest;
+    sign * rest * series.into_iter().fold(Vec4::splat(-1.0 / 39_916_800.0), |sum, term| sum * square + term)
 }
 
 /// Takes the trembling of captured strands out and leaves their waves: each round smooths and then unsmooths a little more
@@ -271,6 +293,17 @@ mod tests {
     }
 
     #[test]
+    fn sines_are_those_of_the_library() {
+        for i in 0..10_000 {
+            let angle = 0.01 * i as f32;
+            let got = sines(Vec4::new(angle, 0.5 * angle, 0.0, TAU)).to_array();
+            for (got, wanted) in got.into_iter().zip([angle.sin(), (0.5 * angle).sin(), 0.0, 0.0]) {
+                assert!((got - wanted).abs() < 1e-5, "{got} for {wanted} of {angle}");
+            }
+        }
+    }
+
+    #[test]
     fn polishing_takes_trembling_and_leaves_waves() {
         let amplitude = |edges: f32| {
             let wave = |k: usize| 3.0 * (TAU * k as f32 / edges).cos();
@@ -285,16 +318,16 @@ mod tests {
     #[test]
     fn children_stay_with_their_strand_and_move_with_it() {
         let growth = Growth { density: 8, pieces: 1, polish: 2, seed: 3 };
-        let grown = |hair: &Hair| Grown::new(&Subject { hair, head: None }, &growth);
+        let grown = |hair: &Hair| Grown::new(&Subject { hair, head: None }, &growth, |_, _| ());
         let (here, there) = (grown(&bundle(Vec3::ZERO)), grown(&bundle(Vec3::new(40.0, -20.0, 7.0))));
-        let moved = here.points.iter().zip(&there.points).map(|(a, b)| b.at - a.at - Vec3::new(40.0, -20.0, 7.0));
+        let moved = here.points.iter().zip(&there.points).map(|(a, b)| *b - *a - Vec3::new(40.0, -20.0, 7.0));
         assert!(moved.map(Vec3::length).fold(0.0, f32::max) < 1e-2, "a child is the same hair in every frame");
         let hair = bundle(Vec3::ZERO);
         for n in 0..50 {
             let children = &here.points[here.starts[n]..here.starts[n + 1]];
             for child in children.chunks(30) {
-                assert!(child[0].at.distance(hair.strand(n)[0]) < 3.0);
-                let near = hair.strand(n).iter().map(|p| p.distance(child[29].at)).fold(f32::INFINITY, f32::min);
+                assert!(child[0].distance(hair.strand(n)[0]) < 3.0);
+                let near = hair.strand(n).iter().map(|p| p.distance(child[29])).fold(f32::INFINITY, f32::min);
                 assert!(near < 16.0, "{near} mm from its strand");
             }
         }

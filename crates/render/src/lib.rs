@@ -20,9 +20,11 @@
 //! # Ok::<(), strandflow_render::RenderError>(())
 //! ```
 
+pub mod account;
 mod chance;
 pub mod colour;
 mod dome;
+mod draw;
 pub mod error;
 mod fibre;
 mod groom;
@@ -37,11 +39,12 @@ pub mod subject;
 mod thread;
 pub mod view;
 
+pub use account::Phase;
 pub use colour::HairColour;
 pub use error::RenderError;
 pub use fibre::Roughness;
 pub use light::{Light, LightRig};
 pub use picture::{Backdrop, Picture};
-pub use render::{MAX_DENSITY, MAX_POINTS, MAX_SIDE, Settings, full_density, render};
+pub use render::{MAX_DENSITY, MAX_POINTS, MAX_SIDE, Settings, full_density, render, render_accounted};
 pub use subject::{Hair, Head, Subject};
 pub use view::{look_at, resized, turntable};

@@ -29,6 +29,8 @@ pub(crate) struct Tile {
     skin: Vec<SkinPixel>,
     /// Pixels through which more is seen: a row each, the first pixel lowest.
     open: [u32; TILE],
+    /// How many there are.
+    open_count: usize,
 }
 
 /// Light gathered on the way into the picture, and the share of what is behind that is seen through it.
@@ -36,6 +38,27 @@ pub(crate) struct Tile {
 struct Passed {
     light: Vec3,
     through: f32,
+    /// What the hair covered when it was taken to be opaque; 1 where it was not.
+    whole: f32,
+}
+
+impl Passed {
+    const CLEAR: Self = Self { light: Vec3::ZERO, through: 1.0, whole: 1.0 };
+
+    fn light(&self) -> Vec3 {
+        self.light / self.whole
+    }
+}
+
+/// What a piece of a hair adds to a pixel.
+#[derive(Clone, Copy)]
+pub(crate) struct Fragment {
+    /// Share of the piece's light.
+    weight: f32,
+    /// Place along the piece, in 65,535ths.
+    along: u16,
+    /// Layer and pixel.
+    pixel: u16,
 }
 
 #[derive(Clone, Copy, Default)]
@@ -48,12 +71,13 @@ struct SkinPixel {
 impl Tile {
     /// An empty tile at a pixel.
     pub(crate) fn new(origin: [usize; 2]) -> Self {
-        let clear = vec![Passed { light: Vec3::ZERO, through: 1.0 }; TILE * TILE];
+        let clear = vec![Passed::CLEAR; TILE * TILE];
         Self {
             origin,
             layers: [clear.clone(), clear],
             skin: vec![SkinPixel::default(); TILE * TILE],
             open: [u32::MAX; TILE],
+            open_count: TILE * TILE,
         }
     }
 
@@ -114,16 +138,21 @@ impl Tile {
         }
     }
 
+    /// Number of pixels through which more is seen.
+    pub(crate) fn open_count(&self) -> usize {
+        self.open_count
+    }
+
     /// Whether something that is behind all that was drawn and touches only these pixels can be seen.
     pub(crate) fn is_open(&self, span: Span) -> bool {
         let columns = (u32::MAX >> (TILE - 1 - usize::from(span.last[0]))) & (u32::MAX << span.first[0]);
         self.open[usize::from(span.first[1])..=usize::from(span.last[1])].iter().any(|row| row & columns != 0)
     }
 
-    /// Lays a piece of a hair behind those that are there; asks for the light of its ends only if it can be seen.
-    pub(crate) fn piece(&mut self, a: &Vertex, b: &Vertex, light: impl Fn() -> [Vec3; 2]) {
+    /// Lays a piece of a hair behind those that are there and tells where it is seen: its light is added later, when it is
+    /// known for many pieces.
+    pub(crate) fn piece(&mut self, a: &Vertex, b: &Vertex, seen: &mut Vec<Fragment>) {
         let origin = Vec2::new(self.origin[0] as f32, self.origin[1] as f32);
-        let mut ends = None;
         let step = b.at - a.at;
         let length = step.length();
         // Sweeps the axis along which the hair runs; `swap` makes that the first coordinate.
@@ -160,8 +189,9 @@ impl Tile {
                 if self.layers[layer][pixel].through > 0.0 {
                     let off = j as f32 + 0.5 - middle;
                     let share = dense * (tent_sum(off + half) - tent_sum(off - half));
-                    let [from, to] = *ends.get_or_insert_with(&light);
-                    self.lay(layer, pixel, from.lerp(to, t), share.min(1.0));
+                    let weight = self.lay(layer, pixel, share.min(1.0));
+                    let along = (t * 65_535.0 + 0.5) as u16;
+                    seen.push(Fragment { weight, along, pixel: (layer * TILE * TILE + pixel) as u16 });
                 }
             }
         }
@@ -173,19 +203,32 @@ impl Tile {
         usize::from(skin.coverage > 0.0 && depth > skin.depth)
     }
 
-    fn lay(&mut self, layer: usize, pixel: usize, colour: Vec3, share: f32) {
+    /// Hides a share of what is behind a pixel; returns how much of what hides it is seen itself.
+    fn lay(&mut self, layer: usize, pixel: usize, share: f32) -> f32 {
         let passed = &mut self.layers[layer][pixel];
         // What a single hair covers stays as it is.
         let is_first = passed.through == 1.0;
-        passed.light += colour * (passed.through * share);
+        let weight = passed.through * share;
         passed.through *= 1.0 - share;
         if passed.through <= OPAQUE && !is_first {
-            *passed = Passed { light: passed.light / (1.0 - passed.through), through: 0.0 };
+            (passed.whole, passed.through) = (1.0 - passed.through, 0.0);
             // What is behind opaque hair, or behind opaque skin, is not seen either.
             self.layers[1][pixel].through = 0.0;
             if layer == 0 {
                 self.open[pixel / TILE] &= !(1 << (pixel % TILE));
+                self.open_count -= 1;
             }
+        }
+        weight
+    }
+
+    /// Adds the light of a piece, which is known at its ends, where it is seen.
+    pub(crate) fn light(&mut self, [from, to]: [Vec3; 2], seen: &[Fragment]) {
+        let step = (to - from) / 65_535.0;
+        for fragment in seen {
+            let pixel = usize::from(fragment.pixel);
+            let colour = from + step * f32::from(fragment.along);
+            self.layers[pixel / (TILE * TILE)][pixel % (TILE * TILE)].light += colour * fragment.weight;
         }
     }
 
@@ -194,7 +237,7 @@ impl Tile {
         let i = y * TILE + x;
         let [front, back] = [&self.layers[0][i], &self.layers[1][i]];
         let seen = 1.0 - self.skin[i].coverage;
-        let light = front.light + back.light * (front.through * seen);
+        let light = front.light() + back.light() * (front.through * seen);
         let through = front.through * (1.0 - seen * (1.0 - back.through));
         [light.x, light.y, light.z, 1.0 - through]
     }
@@ -205,7 +248,7 @@ impl Tile {
         let [front, back] = [&self.layers[0][i], &self.layers[1][i]];
         let skin = &self.skin[i];
         let past = front.through * (1.0 - skin.coverage);
-        let light = front.light + skin.colour * (front.through * skin.coverage) + back.light * past;
+        let light = front.light() + skin.colour * (front.through * skin.coverage) + back.light() * past;
         [light.x, light.y, light.z, 1.0 - past * back.through]
     }
 }
@@ -257,14 +300,16 @@ impl Swapped for Vec2 {
 mod tests {
     use super::*;
 
-    fn white() -> [Vec3; 2] {
-        [Vec3::ONE; 2]
+    fn lay_white(tile: &mut Tile, a: &Vertex, b: &Vertex) {
+        let mut seen = Vec::new();
+        tile.piece(a, b, &mut seen);
+        tile.light([Vec3::ONE; 2], &seen);
     }
 
     fn coverage(a: Vec2, b: Vec2, width: f32, motion: Vec2) -> f32 {
         let mut tile = Tile::new([0, 0]);
         let vertex = |at| Vertex { at, depth: 1.0, width, motion };
-        tile.piece(&vertex(a), &vertex(b), white);
+        lay_white(&mut tile, &vertex(a), &vertex(b));
         (0..TILE * TILE).map(|i| tile.pixel(i % TILE, i / TILE)[3]).sum()
     }
 
@@ -287,7 +332,7 @@ mod tests {
     fn a_hair_lies_where_it_is() {
         let mut tile = Tile::new([64, 32]);
         let vertex = |x: f32, y: f32| Vertex { at: Vec2::new(x, y), depth: 1.0, width: 0.1, motion: Vec2::ZERO };
-        tile.piece(&vertex(70.2, 40.0), &vertex(74.7, 58.0), white);
+        lay_white(&mut tile, &vertex(70.2, 40.0), &vertex(74.7, 58.0));
         let sum = |f: &dyn Fn(usize, usize) -> f32| (0..TILE * TILE).map(|i| f(i % TILE, i / TILE)).sum::<f32>();
         let whole = sum(&|x, y| tile.pixel(x, y)[3]);
         let mean_x = sum(&|x, y| tile.pixel(x, y)[3] * (x as f32 + 64.5)) / whole;
@@ -306,10 +351,10 @@ mod tests {
         };
         tile.skin(&[[0, 1, 2]], &[0], &[corner(-5.0, -5.0), corner(90.0, -5.0), corner(-5.0, 90.0)]);
         let vertex = |y: f32, depth: f32| Vertex { at: Vec2::new(10.5, y), depth, width: 0.5, motion: Vec2::ZERO };
-        tile.piece(&vertex(2.0, 12.0), &vertex(30.0, 12.0), white);
+        lay_white(&mut tile, &vertex(2.0, 12.0), &vertex(30.0, 12.0));
         assert_eq!(tile.pixel(10, 12), [1.0, 0.0, 0.0, 1.0]);
         assert_eq!(tile.hair_of_pixel(10, 12), [0.0; 4]);
-        tile.piece(&vertex(2.0, 8.0), &vertex(30.0, 8.0), white);
+        lay_white(&mut tile, &vertex(2.0, 8.0), &vertex(30.0, 8.0));
         assert!(tile.pixel(10, 12)[1] > 0.3, "{:?}", tile.pixel(10, 12));
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Also what a crowd of fibres does to light, by dual scattering (Zinke 2008) in a light form: see [`Crowd`].
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use crate::{
@@ -25,9 +25,9 @@ const DIFFERENCES: usize = 12;
 /// The tables.
 pub(crate) struct Scattering {
     /// M, shape (SINES, SINES, PATHS): light, eye.
-    along: Vec<[f32; PATHS]>,
-    /// N, shape (SHADES, DIFFERENCES, AZIMUTHS, PATHS).
-    around: Vec<[Vec3; PATHS]>,
+    along: Vec<Vec4>,
+    /// N, shape (SHADES, DIFFERENCES, AZIMUTHS, RGB, PATHS).
+    around: Vec<[Vec4; 3]>,
     /// Of each shade.
     pub crowds: Vec<Crowd>,
 }
@@ -49,19 +49,21 @@ impl Scattering {
         let sine = |i: usize| Inclination::of_sine(2.0 * i as f32 / (SINES - 1) as f32 - 1.0);
         let along = (0..SINES * SINES)
             .into_par_iter()
-            .map(|i| roughness.longitudinal(sine(i / SINES), sine(i % SINES)))
+            .map(|i| Vec4::from_array(roughness.longitudinal(sine(i / SINES), sine(i % SINES))))
             .collect();
         let absorption = colour.absorption(roughness.azimuthal);
-        let around: Vec<[Vec3; PATHS]> = (0..SHADES * DIFFERENCES * AZIMUTHS)
+        let phi: Vec<f32> = (0..AZIMUTHS).map(|a| a as f32 / (AZIMUTHS - 1) as f32 * std::f32::consts::PI).collect();
+        let rows: Vec<Vec<[Vec3; PATHS]>> = (0..SHADES * DIFFERENCES)
             .into_par_iter()
             .map(|i| {
-                let (shade, d, a) = (i / (DIFFERENCES * AZIMUTHS), i / AZIMUTHS % DIFFERENCES, i % AZIMUTHS);
+                let (shade, d) = (i / DIFFERENCES, i % DIFFERENCES);
                 let log = SHADE_REACH * (2.0 * shade as f32 / (SHADES - 1) as f32 - 1.0);
-                let phi = a as f32 / (AZIMUTHS - 1) as f32 * std::f32::consts::PI;
-                roughness.azimuthal(absorption * log.exp(), d as f32 / (DIFFERENCES - 1) as f32, phi)
+                roughness.azimuthal(absorption * log.exp(), d as f32 / (DIFFERENCES - 1) as f32, &phi)
             })
             .collect();
-        let crowds = around.chunks(DIFFERENCES * AZIMUTHS).map(Crowd::of).collect();
+        let crowds = rows.chunks(DIFFERENCES).map(Crowd::of).collect();
+        let by_colour = |paths: &[Vec3; PATHS]| std::array::from_fn(|c| Vec4::from_array(paths.map(|n| n[c])));
+        let around = rows.iter().flatten().map(by_colour).collect();
         Self { along, around, crowds }
     }
 
@@ -70,27 +72,26 @@ impl Scattering {
         let m = self.along_at(light, eye);
         let cos_d = (0.5 * (1.0 + light.cos * eye.cos + light.sin * eye.sin)).max(0.0).sqrt();
         let n = self.around_at(shade, cos_d, arc_cosine(cos_phi) / std::f32::consts::PI);
-        let single = (0..PATHS).fold(Vec3::ZERO, |sum, p| sum + n[p] * m[p]);
-        (single, m[PATHS - 1] / std::f32::consts::TAU)
+        let single = Vec3::new(n[0].dot(m), n[1].dot(m), n[2].dot(m));
+        (single, m.w / std::f32::consts::TAU)
     }
 
-    fn along_at(&self, light: Inclination, eye: Inclination) -> [f32; PATHS] {
+    fn along_at(&self, light: Inclination, eye: Inclination) -> Vec4 {
         let place = |sin: f32| {
             let at = (sin * 0.5 + 0.5) * (SINES - 1) as f32;
             let i = (at as usize).min(SINES - 2);
             (i, at - i as f32)
         };
         let ((i, fi), (j, fj)) = (place(light.sin), place(eye.sin));
-        let at = |i: usize, j: usize| &self.along[i * SINES + j];
-        let (a, b, c, d) = (at(i, j), at(i, j + 1), at(i + 1, j), at(i + 1, j + 1));
-        std::array::from_fn(|p| {
-            let low = a[p] + (b[p] - a[p]) * fj;
-            let high = c[p] + (d[p] - c[p]) * fj;
-            low + (high - low) * fi
-        })
+        let row = |i: usize| {
+            let pair = &self.along[i * SINES + j..i * SINES + j + 2];
+            pair[0] + (pair[1] - pair[0]) * fj
+        };
+        let (low, high) = (row(i), row(i + 1));
+        low + (high - low) * fi
     }
 
-    fn around_at(&self, shade: usize, cos_d: f32, turn: f32) -> [Vec3; PATHS] {
+    fn around_at(&self, shade: usize, cos_d: f32, turn: f32) -> [Vec4; 3] {
         let d = cos_d.min(1.0) * (DIFFERENCES - 1) as f32;
         let a = turn.clamp(0.0, 1.0) * (AZIMUTHS - 1) as f32;
         let (i, j) = ((d as usize).min(DIFFERENCES - 2), (a as usize).min(AZIMUTHS - 2));
@@ -98,18 +99,18 @@ impl Scattering {
         let row = (shade * DIFFERENCES + i) * AZIMUTHS + j;
         let (low, high) = (&self.around[row..row + 2], &self.around[row + AZIMUTHS..row + AZIMUTHS + 2]);
         let weights = [(1.0 - fi) * (1.0 - fj), (1.0 - fi) * fj, fi * (1.0 - fj), fi * fj];
-        std::array::from_fn(|p| {
-            low[0][p] * weights[0] + low[1][p] * weights[1] + high[0][p] * weights[2] + high[1][p] * weights[3]
+        std::array::from_fn(|c| {
+            low[0][c] * weights[0] + low[1][c] * weights[1] + high[0][c] * weights[2] + high[1][c] * weights[3]
         })
     }
 }
 
 impl Crowd {
     /// From the azimuthal table of a shade, shape (DIFFERENCES, AZIMUTHS).
-    fn of(around: &[[Vec3; PATHS]]) -> Self {
+    fn of(rows: &[Vec<[Vec3; PATHS]>]) -> Self {
         let (mut front, mut back) = (Vec3::ZERO, Vec3::ZERO);
         // Light meets fibres at all inclinations, seldom along them: the upper half of cos θd.
-        for row in around.chunks(AZIMUTHS).skip(DIFFERENCES / 2) {
+        for row in rows.iter().skip(DIFFERENCES / 2) {
             for (a, paths) in row.iter().enumerate() {
                 let ends = if a == 0 || a == AZIMUTHS - 1 { 0.5 } else { 1.0 };
                 let sum = paths.iter().sum::<Vec3>() * (ends * std::f32::consts::TAU / (AZIMUTHS - 1) as f32);
@@ -127,6 +128,22 @@ impl Crowd {
         let thrice = back * back * back * front * front * onward * onward * onward;
         Self { forward: front, backward: (once + thrice).min(Vec3::ONE), albedo }
     }
+}
+
+/// Added to a number of at most 2²², this rounds it to a whole one, which is in the last bits then: many times faster than a
+/// cast, which asks for all that may go wrong.
+pub(crate) const ROUNDING: f32 = 12_582_912.0;
+
+/// The exponentials of four numbers that are not positive, to a part in 100,000: powers of two times a Taylor series over half of
+/// a power, four at a time where the library takes one.
+pub(crate) fn decayed(x: Vec4) -> Vec4 {
+    let x = x.clamp(Vec4::splat(-80.0), Vec4::ZERO);
+    let shifted = x * std::f32::consts::LOG2_E + ROUNDING;
+    let whole = shifted - ROUNDING;
+    let scale = Vec4::from_array(shifted.to_array().map(|p| f32::from_bits(p.to_bits().wrapping_add(127) << 23)));
+    let rest = x - whole * std::f32::consts::LN_2;
+    let series = [1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0];
+    scale * series.into_iter().fold(Vec4::splat(1.0 / 720.0), |sum, term| sum * rest + term)
 }
 
 /// Arc cosine to 7e-5 rad (Abramowitz and Stegun 1964, 4.4.45).
@@ -150,11 +167,22 @@ mod tests {
             let (light, eye) = (Inclination::of_sine(i), Inclination::of_sine(o));
             let m = roughness.longitudinal(light, eye);
             let cos_d = (0.5 * (1.0 + light.cos * eye.cos + light.sin * eye.sin)).sqrt();
-            let n = roughness.azimuthal(absorption, cos_d, cos_phi.acos());
+            let n = roughness.azimuthal(absorption, cos_d, &[cos_phi.acos()])[0];
             let exact: Vec3 = (0..PATHS).map(|p| n[p] * m[p]).sum();
             let (table, _) = tables.towards(3, light, eye, cos_phi);
             let error = (table - exact).abs().max_element() / exact.max_element();
             assert!(error < 0.03, "{table} for {exact} at {i} {o} {cos_phi}");
+        }
+    }
+
+    #[test]
+    fn exponentials_are_those_of_the_library() {
+        for i in 0..8000 {
+            let x = -0.01 * i as f32;
+            let got = decayed(Vec4::new(x, 0.3 * x, 0.0, -1e9)).to_array();
+            for (got, wanted) in got.into_iter().zip([x.exp(), (0.3 * x).exp(), 1.0, 0.0]) {
+                assert!((got - wanted).abs() <= 1e-5 * wanted + 1e-30, "{got} for {wanted} of {x}");
+            }
         }
     }
 

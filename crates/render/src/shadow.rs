@@ -1,17 +1,12 @@
 //! Deep shadows: the optical depth of the hair between a point and a light, in a volume that stands along the light.
 //!
 //! The volume form of deep shadow maps (Lokovic and Veach 2000): columns along the light, each the running sum of the hair
-//! in it, so that the depth in front of any point is one interpolation. The head is a height field in the same columns.
-
-use std::sync::atomic::{AtomicU32, Ordering};
+//! in it, so that the depth in front of any point is one interpolation. The head is a height field, added to the same columns.
 
 use glam::{Mat3, UVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::{
-    chance::Chance,
-    groom::{Grown, touched},
-};
+use crate::{chance::Chance, groom::Grown};
 
 /// Width of a column \[mm\]. Below 1.5 mm cells hold too few pieces of hair and shadows are noise; above 3 mm locks throw none.
 const CELL_MM: f32 = 2.2;
@@ -21,6 +16,10 @@ const MAX_CELLS: f32 = 16e6;
 
 /// Optical depth of one count. Sums of whole counts are the same in any order, whatever the threads do.
 const COUNT: f32 = 1.0 / 16384.0;
+
+/// Most cells of all volumes that are filled beside one another, one a thread: 128 MB. Threads that add to one volume wait for
+/// one another at every piece.
+const MAX_PRIVATE_CELLS: usize = 32_000_000;
 
 /// Depth by which the head must be in front of a point to hide it from the light \[mm\], and over how much more its shadow
 /// fades in: roots sit on the head, and its surface is known to some millimetres.
@@ -40,8 +39,6 @@ pub(crate) struct Shadow {
     dims: [usize; 3],
     /// Depth in front of each layer, column by column; one more a column than layers.
     depth: Vec<f32>,
-    /// Distance along the light at which the head begins, by column.
-    head: Vec<f32>,
 }
 
 /// The head's surface, world \[mm\].
@@ -57,47 +54,75 @@ impl Shadow {
     pub(crate) fn new(towards: Vec3, hair: &Grown, width_mm: f32, head: Option<&Surface>) -> Self {
         let (a, b) = towards.any_orthonormal_pair();
         let axes = Mat3::from_cols(a, b, -towards).transpose();
-        let (low, high) = bounds(&axes, hair);
+        let (mut low, mut high) = bounds(&axes, &hair.points);
+        if let Some(head) = head {
+            let (nearest, farthest) = bounds(&axes, head.vertices);
+            (low.z, high.z) = (low.z.min(nearest.z), high.z.max(farthest.z));
+        }
         let size = high - low;
         let cell = CELL_MM.max((size.x * size.y * size.z / MAX_CELLS).cbrt());
         let dims = (size / cell).ceil().max(Vec3::ONE).to_array().map(|n| n as usize + 1);
-        let mut shadow = Self { axes, low, per_mm: 1.0 / cell, dims, depth: Vec::new(), head: Vec::new() };
-        shadow.fill(hair, width_mm, cell);
-        shadow.head = shadow.head_distance(head);
+        let mut shadow = Self { axes, low, per_mm: 1.0 / cell, dims, depth: Vec::new() };
+        let counts = shadow.counts(hair, width_mm, cell);
+        shadow.depth = shadow.summed(&counts, &shadow.head_distance(head));
         shadow
     }
 
+    /// Hair in each cell, in parts to be added up; column by column.
+    ///
     /// Every third piece stands for three: cells hold some of several hairs. Of 56,000 hairs every second one gives pictures
     /// that differ by a sixth of a level of 8 bits.
-    fn fill(&mut self, hair: &Grown, width_mm: f32, cell: f32) {
+    fn counts(&self, hair: &Grown, width_mm: f32, cell: f32) -> Vec<Vec<u32>> {
         const STEP: usize = 3;
         let [nx, ny, nz] = self.dims;
-        let counts = touched(nx * ny * nz, || AtomicU32::new(0));
+        let cells = nx * ny * nz;
+        let parts = rayon::current_num_threads().min(MAX_PRIVATE_CELLS / cells).max(1);
         let of_mm = STEP as f32 * width_mm / (cell * cell) / COUNT;
-        (0..hair.counts.len()).into_par_iter().for_each(|n| {
-            let points = &hair.points[hair.starts[n]..hair.starts[n + 1]];
-            // Points lie equally far along all strands of a take: places drawn by chance keep that out of the shadows.
-            let mut chance = Chance::of(0x5ad0, n as u64);
-            for (child, strand) in points.chunks(hair.counts[n].max(1)).enumerate() {
-                for pair in strand.windows(2).skip(child % STEP).step_by(STEP) {
-                    let (a, b) = (self.axes * pair[0].at, self.axes * pair[1].at);
-                    let across = (b - a).truncate().length();
-                    let spread = Vec3::new(chance.share() - 0.5, chance.share() - 0.5, 0.0);
-                    let at = (a.lerp(b, chance.share()) - self.low) * self.per_mm + spread;
-                    let [x, y, z] = at.max(Vec3::ZERO).to_array().map(|c| c as usize);
-                    let cell = (y.min(ny - 1) * nx + x.min(nx - 1)) * nz + z.min(nz - 1);
-                    counts[cell].fetch_add((across * of_mm).round() as u32, Ordering::Relaxed);
+        let strands: Vec<usize> = (0..hair.counts.len()).collect();
+        let parts = strands.par_chunks(strands.len().div_ceil(parts).max(1)).map(|strands| {
+            let mut counts = vec![0u32; cells];
+            let mut of_strand: Vec<(u32, u32)> = Vec::new();
+            for &n in strands {
+                let points = &hair.points[hair.starts[n]..hair.starts[n + 1]];
+                // Points lie equally far along all strands of a take: places drawn by chance keep that out of the shadows.
+                let mut chance = Chance::of(0x5ad0, n as u64);
+                of_strand.clear();
+                for (child, strand) in points.chunks(hair.counts[n].max(1)).enumerate() {
+                    for pair in strand.windows(2).skip(child % STEP).step_by(STEP) {
+                        let (a, b) = (self.axes * pair[0], self.axes * pair[1]);
+                        let across = (b - a).truncate().length();
+                        let spread = Vec3::new(chance.share() - 0.5, chance.share() - 0.5, 0.0);
+                        let at = (a.lerp(b, chance.share()) - self.low) * self.per_mm + spread;
+                        let [x, y, z] = at.max(Vec3::ZERO).to_array().map(|c| c as usize);
+                        let cell = (y.min(ny - 1) * nx + x.min(nx - 1)) * nz + z.min(nz - 1);
+                        of_strand.push((cell as u32, (across * of_mm + 0.5) as u32));
+                    }
+                }
+                // Cells lie all over the memory: in a loop that does nothing else many are waited for together.
+                of_strand.iter().for_each(|&(cell, count)| counts[cell as usize] += count);
+            }
+            counts
+        });
+        parts.collect()
+    }
+
+    /// Depth in front of each layer: the hair of the layers before it, and the head as a point in the next layer meets it, whose
+    /// own cell does not count.
+    fn summed(&self, counts: &[Vec<u32>], head: &[f32]) -> Vec<f32> {
+        let [nx, ny, nz] = self.dims;
+        let mut depth = vec![0.0f32; nx * ny * (nz + 1)];
+        let columns = depth.par_chunks_mut(nz + 1).zip(head).enumerate().with_min_len(64);
+        columns.for_each(|(column, (depth, head))| {
+            let mut sum = 0;
+            for (k, depth) in depth.iter_mut().enumerate() {
+                let into_head = ((k + 1) as f32 - head) / self.per_mm - HEAD_BIAS_MM;
+                *depth = sum as f32 * COUNT + HEAD_DEPTH * (into_head / HEAD_FADE_MM).clamp(0.0, 1.0);
+                if k < nz {
+                    sum += counts.iter().map(|counts| u64::from(counts[column * nz + k])).sum::<u64>();
                 }
             }
         });
-        self.depth = touched(nx * ny * (nz + 1), || 0.0);
-        self.depth.par_chunks_mut(nz + 1).zip(counts.par_chunks(nz)).with_min_len(64).for_each(|(depth, column)| {
-            let mut sum = 0.0;
-            for (depth, count) in depth[1..].iter_mut().zip(column) {
-                sum += count.load(Ordering::Relaxed) as f32 * COUNT;
-                *depth = sum;
-            }
-        });
+        depth
     }
 
     /// Where the head begins in each column, seen from the light.
@@ -131,6 +156,11 @@ impl Shadow {
         nearest
     }
 
+    /// Number of cells.
+    pub(crate) fn cells(&self) -> usize {
+        self.dims.iter().product()
+    }
+
     /// Optical depth between the light and a point \[1\]; its own cell does not count.
     pub(crate) fn depth(&self, p: Vec3) -> f32 {
         let [nx, ny, nz] = self.dims;
@@ -141,11 +171,8 @@ impl Shadow {
         let (i, j, fx, fy) = (x as usize, y as usize, x.fract(), y.fract());
         let (right, below) = ((i + 1).min(nx - 1), (j + 1).min(ny - 1));
         let column = |i: usize, j: usize| {
-            let cell = j * nx + i;
-            let from = cell * (nz + 1) + k;
-            let hair = self.depth[from] + (self.depth[from + 1] - self.depth[from]) * fz;
-            let into_head = (at.z - self.head[cell]) / self.per_mm - HEAD_BIAS_MM;
-            hair + HEAD_DEPTH * (into_head / HEAD_FADE_MM).clamp(0.0, 1.0)
+            let from = (j * nx + i) * (nz + 1) + k;
+            self.depth[from] + (self.depth[from + 1] - self.depth[from]) * fz
         };
         let top = column(i, j) * (1.0 - fx) + column(right, j) * fx;
         let bottom = column(i, below) * (1.0 - fx) + column(right, below) * fx;
@@ -153,14 +180,14 @@ impl Shadow {
     }
 }
 
-/// The box around all hairs along some axes.
-fn bounds(axes: &Mat3, hair: &Grown) -> (Vec3, Vec3) {
+/// The box around points along some axes.
+fn bounds(axes: &Mat3, points: &[Vec3]) -> (Vec3, Vec3) {
     let none = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    hair.points
+    points
         .par_chunks(1 << 14)
         .map(|points| {
             points.iter().fold(none, |(low, high), p| {
-                let p = *axes * p.at;
+                let p = *axes * *p;
                 (low.min(p), high.max(p))
             })
         })

@@ -1,9 +1,8 @@
 //! Hairs as a camera sees them: where, how wide, and with what light.
 
-use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec2, Vec3};
-use rayon::prelude::*;
 use strandflow_core::Camera;
 use strandflow_geometry::project::project;
 
@@ -11,9 +10,9 @@ use crate::{
     chance::Chance,
     dome::Dome,
     fibre::Inclination,
-    groom::{Grown, Point, slices, touched},
+    groom::{Grown, Point, touched},
     light::LightRig,
-    scattering::{Crowd, SHADES, Scattering},
+    scattering::{Crowd, SHADES, Scattering, decayed},
     shadow::Shadow,
     subject::Hair,
 };
@@ -69,8 +68,8 @@ pub(crate) struct Eye<'a> {
     pub seed: u64,
 }
 
-/// All hairs as an eye sees them. What light a point returns is worked out when it is first asked for: most of the hair is
-/// under other hair, and is never seen.
+/// The light of all hairs. What a point returns is worked out when it is first seen: most of the hair is under other hair, and
+/// never is.
 pub(crate) struct Threads<'a> {
     hair: &'a Hair,
     grown: &'a Grown,
@@ -79,49 +78,98 @@ pub(crate) struct Threads<'a> {
     /// Of each hair, those of a strand after one another.
     shades: Vec<u8>,
     density: usize,
-    /// Points in the picture, in the order of `grown`.
-    pub vertices: Vec<Vertex>,
-    colours: Vec<OnceLock<Vec3>>,
+    /// Light of each point, or [`UNKNOWN`]. Whoever works it out gets the same, so that no one needs to wait.
+    lights: Vec<AtomicU64>,
 }
 
+/// Light that was not worked out yet.
+const UNKNOWN: u64 = u64::MAX;
+
 impl<'a> Threads<'a> {
-    /// Places hairs in the picture.
+    /// Nothing worked out yet.
     pub(crate) fn new(hair: &'a Hair, grown: &'a Grown, lighting: &'a Lighting, eye: &'a Eye) -> Self {
-        let mut vertices: Vec<Vertex> = touched(grown.points.len(), Vertex::default);
-        slices(&mut vertices, &grown.starts).into_par_iter().enumerate().for_each(|(n, out)| {
-            let points = &grown.points[grown.starts[n]..grown.starts[n + 1]];
-            let last = grown.counts[n].saturating_sub(1);
-            for (k, (p, out)) in points.iter().zip(out).enumerate() {
-                let from_tip = (1.0 - (k % (last + 1)) as f32 / last as f32) / TIP;
-                *out = eye.seen(p, eye.width_mm * (TIP_WIDTH + (1.0 - TIP_WIDTH) * from_tip.min(1.0)));
-            }
-        });
         let density = grown.density;
         let shades = (0..grown.counts.len() * density).map(|i| shade(eye.seed, hair.names[i / density], i % density));
-        let colours = touched(vertices.len(), OnceLock::new);
-        Self { shades: shades.collect(), density, hair, grown, lighting, eye, vertices, colours }
+        let lights = touched(grown.points.len(), || AtomicU64::new(UNKNOWN));
+        Self { shades: shades.collect(), density, hair, grown, lighting, eye, lights }
     }
 
-    /// Radiance of a point towards the eye, linear RGB.
-    pub(crate) fn colour(&self, point: usize) -> Vec3 {
-        *self.colours[point].get_or_init(|| self.light(point))
+    /// Radiance of a point towards the eye, linear RGB; black before it was lit.
+    pub(crate) fn light_of(&self, point: u32) -> Vec3 {
+        unpacked(self.lights[point as usize].load(Ordering::Relaxed))
     }
 
-    fn light(&self, point: usize) -> Vec3 {
-        let strand = self.grown.starts.partition_point(|start| *start <= point) - 1;
-        let (count, within) = (self.grown.counts[strand], point - self.grown.starts[strand]);
-        let (child, k) = (within / count, within % count);
-        let hair = &self.grown.points[point - k..point - k + count];
-        let tangent = (hair[(k + 1).min(count - 1)].at - hair[k.saturating_sub(1)].at).normalize_or(Vec3::Z);
-        let to_eye = (self.eye.centre - hair[k].at).normalize_or(Vec3::Z);
-        let shade = usize::from(self.shades[strand * self.density + child]);
-        let light = self.lighting.returned(hair[k].at, tangent, to_eye, shade);
-        let own = self.hair.offsets[strand]..self.hair.offsets[strand + 1];
+    /// Lights points in the order in which they lie along hairs, so that what one reads is at hand for the next. Returns how
+    /// many were not yet lit.
+    pub(crate) fn light_up(&self, ascending: &[u32]) -> usize {
+        /// Points that are fetched together: they lie all over the memory, and are waited for together.
+        const AT_HAND: usize = 64;
+        let (mut strand, mut count) = (0, 0);
+        let mut unlit: Vec<Place> = Vec::with_capacity(AT_HAND);
+        for points in ascending.chunks(AT_HAND) {
+            unlit.clear();
+            let is_unlit = |point: &&u32| self.lights[**point as usize].load(Ordering::Relaxed) == UNKNOWN;
+            unlit.extend(points.iter().filter(is_unlit).map(|&point| self.place(&mut strand, point as usize)));
+            for place in &unlit {
+                self.lights[place.point].store(packed(self.light(place)), Ordering::Relaxed);
+            }
+            count += unlit.len();
+        }
+        count
+    }
+
+    /// Where a point is; its strand is sought from `strand` on.
+    fn place(&self, strand: &mut usize, point: usize) -> Place {
+        let starts = &self.grown.starts;
+        if starts[*strand + 1] <= point {
+            *strand += starts[*strand + 1..].partition_point(|start| *start <= point);
+        }
+        let count = self.grown.counts[*strand];
+        let within = point - starts[*strand];
+        let k = within % count;
+        let points = &self.grown.points;
+        let along =
+            points[if k + 1 < count { point + 1 } else { point }] - points[if k > 0 { point - 1 } else { point }];
+        Place { point, strand: *strand, child: within / count, k, at: points[point], along }
+    }
+
+    fn light(&self, place: &Place) -> Vec3 {
+        let tangent = place.along.normalize_or(Vec3::Z);
+        let to_eye = (self.eye.centre - place.at).normalize_or(Vec3::Z);
+        let shade = usize::from(self.shades[place.strand * self.density + place.child]);
+        let light = self.lighting.returned(place.at, tangent, to_eye, shade);
+        let own = self.hair.offsets[place.strand]..self.hair.offsets[place.strand + 1];
         match self.hair.tint.get(own) {
-            Some(tint) if !tint.is_empty() => light * tint[k * (tint.len() - 1) / (count - 1)],
+            Some(tint) if !tint.is_empty() => {
+                light * tint[place.k * (tint.len() - 1) / (self.grown.counts[place.strand] - 1)]
+            }
             _ => light,
         }
     }
+}
+
+/// A point of a hair to be lit.
+struct Place {
+    point: usize,
+    strand: usize,
+    child: usize,
+    /// Its number along the hair.
+    k: usize,
+    at: Vec3,
+    /// From the point before it to the one after it.
+    along: Vec3,
+}
+
+/// Three numbers that are not negative in one word, 21 bits each: exact to a part in 16,384.
+fn packed(light: Vec3) -> u64 {
+    let bits = |v: f32| u64::from((v.max(0.0).to_bits() + (1 << 9)) >> 10);
+    bits(light.x) | bits(light.y) << 21 | bits(light.z) << 42
+}
+
+/// Back from [`packed`].
+fn unpacked(word: u64) -> Vec3 {
+    let of = |from: u32| f32::from_bits((word >> from & 0x1f_ffff) as u32 * (1 << 10));
+    if word == UNKNOWN { Vec3::ZERO } else { Vec3::new(of(0), of(21), of(42)) }
 }
 
 /// The shade of a child.
@@ -155,14 +203,23 @@ impl Crowd {
     /// expected ones none is met with probability exp(−n), and light that each passes on with share f arrives with
     /// exp(−n (1 − f)), all but exp(−n) of it scattered (dual scattering, Zinke 2008, in closed form).
     fn spread(&self, depth: f32, single: Vec3, even: f32) -> Vec3 {
-        let direct = (-depth).exp();
-        let passed = ((self.forward - 1.0) * depth).exp();
+        let share = decayed((self.forward - 1.0).extend(-1.0) * depth);
+        let (passed, direct) = (share.truncate(), share.w);
         let scattered = (passed - direct).max(Vec3::ZERO);
         single * direct + even * SPREAD * (self.albedo * scattered + self.backward * passed)
     }
 }
 
 impl Eye<'_> {
+    /// Places a hair in the picture; its tip thins out.
+    pub(crate) fn place(&self, hair: &[Point], vertices: &mut [Vertex]) {
+        let last = hair.len().saturating_sub(1).max(1) as f32;
+        for (k, (p, vertex)) in hair.iter().zip(vertices).enumerate() {
+            let from_tip = (1.0 - k as f32 / last) / TIP;
+            *vertex = self.seen(p, self.width_mm * (TIP_WIDTH + (1.0 - TIP_WIDTH) * from_tip.min(1.0)));
+        }
+    }
+
     fn seen(&self, p: &Point, width_mm: f32) -> Vertex {
         let at = p.at.as_dvec3();
         let image = |at: DVec3| project(self.camera, at).map_or(Vec2::NAN, |p| p.as_vec2());
@@ -172,5 +229,21 @@ impl Eye<'_> {
         let motion = if motion == Vec3::ZERO { Vec2::ZERO } else { image(at + motion.as_dvec3()) - here };
         let width = width_mm * self.camera.focal[0] as f32 / depth;
         Vertex { at: here, depth, width, motion }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn packed_light_is_as_good_as_it_was() {
+        for light in
+            [Vec3::ZERO, Vec3::new(1e-9, 0.3, 1.0), Vec3::new(3.2, 250.0, 0.000_7), Vec3::splat(f32::MAX / 2.0)]
+        {
+            let back = unpacked(packed(light));
+            assert!((back - light).abs().cmple(light / 16_000.0).all(), "{back} for {light}");
+        }
+        assert_ne!(packed(Vec3::splat(f32::INFINITY)), UNKNOWN);
     }
 }
