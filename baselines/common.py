@@ -107,6 +107,19 @@ class Take:
     def voxel_mm(self):
         return float(np.ravel(self.store["hull/grid/voxel_mm"][:])[0])
 
+    def voxels(self, points):
+        """Linear indices of the voxels that hold world points [mm], and which points lie in the grid."""
+        dims = self.store["hull/grid/dims"][:].astype(np.int64)
+        at = np.floor((points - self.store["hull/grid/origin"][:]) / self.voxel_mm()).astype(np.int64)
+        inside = ((at >= 0) & (at < dims)).all(-1)
+        x, y, z = np.moveaxis(np.clip(at, 0, dims - 1), -1, 0)
+        return (z * dims[1] + y) * dims[0] + x, inside
+
+    def inside_hull(self, frame, points):
+        """Whether world points [mm] lie in the visual hull of a frame."""
+        voxel, inside = self.voxels(points)
+        return inside & (self.store["hull/occupancy"][frame].ravel()[voxel] > 0)
+
 
 class Seen:
     """What a view truly sees: per pixel the nearest strand, as `StrandView::draw` of crates/eval draws it."""
