@@ -1,4 +1,6 @@
-//! Set-up, checks and tests of the workspace: `cargo xtask setup | web | test`.
+//! Set-up, checks and tests of the workspace: `cargo xtask setup | web | test | fuzz`.
+
+mod fuzz;
 
 use std::{
     fs,
@@ -11,7 +13,8 @@ const USAGE: &str =
     "cargo xtask setup    install what the tests use beyond Rust: ffmpeg, python3-openvdb, Chromium, foreign readers in target/python,
                      and build the page
 cargo xtask web      build the pages of `strandflow view` and `annotate` into web/dist (needs Node); the next build of the program holds it
-cargo xtask test     setup, then all tests; what could not be installed is skipped and said so";
+cargo xtask test     setup, then all tests; what could not be installed is skipped and said so
+cargo xtask fuzz [--seconds N] [TARGET…]    builds the fuzz targets of the readers (needs a C++ compiler) and runs each for N seconds, 10 without";
 
 fn main() -> ExitCode {
     let task = std::env::args().nth(1).unwrap_or_default();
@@ -19,6 +22,7 @@ fn main() -> ExitCode {
     let done = match task.as_str() {
         "setup" => setup(strict),
         "web" => web(),
+        "fuzz" => fuzz::fuzz(&std::env::args().skip(2).collect::<Vec<_>>()),
         "test" => setup(strict).and_then(|()| test()),
         _ => Err(format!("no such task: `{task}`\n{USAGE}")),
     };

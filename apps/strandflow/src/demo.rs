@@ -47,6 +47,8 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failed> {
         stage: None,
         strands: None,
         sketches: false,
+        sketch_truth: None,
+        plot: None,
         json: Some(scores.clone()),
     })?;
     let folder = take.join("export");

@@ -4,13 +4,15 @@ use std::path::Path;
 
 use strandflow_core::StrandSequence;
 use strandflow_engine::{STAGES, Take, disk::write_atomic, stage_index};
-use strandflow_eval::truth;
+use strandflow_eval::{Truth, truth};
 
 use crate::{
     args::EvaluateArgs,
     failure::Failed,
     foreign, held_out,
     scores::{SEQUENCE_STAGES, Scores, score_take},
+    sketch_drawings,
+    sketch_lengths::LengthsOverTime,
     sketched,
     status::tell_of_outdated,
     stdout::print,
@@ -18,7 +20,7 @@ use crate::{
 
 pub fn evaluate(args: &EvaluateArgs) -> Result<(), Failed> {
     let take = Take::open(&args.take)?;
-    let scores = measure(args, &take)?;
+    let (scores, longest) = measure(args, &take)?;
     if args.truth.is_none() && !args.sketches && take.views().held_out().is_empty() {
         eprintln!(
             "note: no view was held out, so these views took part and flatter; hold one out with `strandflow new \
@@ -26,12 +28,18 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<(), Failed> {
         );
     }
     print(&scores.text())?;
+    if let Some(file) = &args.plot {
+        let Some(longest) = longest else {
+            return Err(Failed::input("there is no sketched strand to plot", "give --sketches, or --sketch-truth N"));
+        };
+        write_atomic(file, longest.svg().as_bytes())?;
+    }
     let Some(file) = &args.json else { return Ok(()) };
     let text = serde_json::to_string_pretty(&scores).map_err(std::io::Error::other)?;
     Ok(write_atomic(file, (text + "\n").as_bytes())?)
 }
 
-fn measure(args: &EvaluateArgs, take: &Take) -> Result<Scores, Failed> {
+fn measure(args: &EvaluateArgs, take: &Take) -> Result<(Scores, Option<LengthsOverTime>), Failed> {
     let plan = take.last_plan()?;
     let stage = args.stage.as_deref().map(stage_index).transpose()?;
     let mut note = |line: &str| eprintln!("note: {line}");
@@ -41,27 +49,32 @@ fn measure(args: &EvaluateArgs, take: &Take) -> Result<Scores, Failed> {
         tell_of_outdated(take, &plan, stage.unwrap_or(STAGES.len() - 1))?;
     }
     let stage = stage.map(|index| STAGES[index].name);
-    let mut scores = match &args.truth {
-        None => Scores::default(),
-        Some(folder) => {
-            let truth = truth::read(folder).map_err(|error| {
-                Failed::input(error.to_string(), "give the gt/ folder of a capture: see docs/capture.md")
-            })?;
-            match &given {
-                Some((name, sequence)) => Scores::of_sequence(name, sequence, take, &truth),
-                None => score_take(take, &plan, &truth, folder, stage)?,
-            }
-        }
+    let truth = args.truth.as_deref().map(read_truth).transpose()?;
+    let mut scores = match (&args.truth, &truth) {
+        (Some(folder), Some(truth)) if args.sketch_truth.is_none() => match &given {
+            Some((name, sequence)) => Scores::of_sequence(name, sequence, take, truth),
+            None => score_take(take, &plan, truth, folder, stage)?,
+        },
+        _ => Scores::default(),
     };
-    if args.sketches {
-        scores.sketches = sketched::score(take, stage)?;
+    let mut longest = None;
+    if let (Some(count), Some(truth)) = (args.sketch_truth, &truth) {
+        let drawn = sketch_drawings::of_truth(take, truth, usize::from(count))?;
+        (scores.sketches, longest) = sketched::score(take, stage, &drawn, Some(truth));
+    } else if args.sketches {
+        (scores.sketches, longest) = sketched::score(take, stage, &sketch_drawings::by_user(take)?, None);
     } else if args.truth.is_none() || !take.views().held_out().is_empty() {
         scores.views = in_views(take, given.as_ref(), stage);
     }
     if scores.is_empty() {
         return Err(nothing_to_score(args));
     }
-    Ok(scores)
+    Ok((scores, longest))
+}
+
+fn read_truth(folder: &Path) -> Result<Truth, Failed> {
+    let hint = "give the gt/ folder of a capture: see docs/capture.md";
+    truth::read(folder).map_err(|error| Failed::input(error.to_string(), hint))
 }
 
 fn nothing_to_score(args: &EvaluateArgs) -> Failed {

@@ -5,13 +5,13 @@ use strandflow_eval::{
     volume::{LineScores, MotionScores},
 };
 
-use crate::{held_out, scores::Scores, sketched};
+use crate::{held_out, scores::Scores, sketch_table};
 
 impl Scores {
     /// The tables that `evaluate` prints.
     pub fn text(&self) -> String {
         let tables = [self.stages(), self.reliability(), self.shapes(), self.motion(), self.in_views()];
-        let sketches = if self.sketches.is_empty() { Vec::new() } else { sketched::tables(&self.sketches) };
+        let sketches = if self.sketches.is_empty() { Vec::new() } else { sketch_table::tables(&self.sketches) };
         tables.into_iter().flatten().chain(sketches).map(|table| format!("{table}\n")).collect()
     }
 

@@ -2,6 +2,7 @@
 //!
 //! Each metric is a pure function from results and truth to a plain, serialisable record of scores.
 
+pub mod drawing;
 pub mod dynamics;
 pub mod head;
 pub mod images;

@@ -4,7 +4,8 @@ use std::fmt::Write;
 
 use crate::html::{Html, escape};
 
-const STYLE: &str = include_str!("style.css");
+/// The style sheet, also of plots that are files of their own.
+pub(crate) const STYLE: &str = include_str!("style.css");
 
 /// A page of sections.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

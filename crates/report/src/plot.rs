@@ -1,12 +1,14 @@
 //! Plots as SVG that is part of the page: colours come from its style sheet, so they follow dark mode and print.
 //!
-//! A plot is 360 units wide and its letters 12 units high: on the narrowest phone letters are 12 pixels high.
+//! A plot is 360 units wide and its letters 12 units high: on the narrowest phone letters are 12 pixels high. As a file of its own
+//! it carries the style sheet, and its legend below.
 
 use std::fmt::Write;
 
 use crate::{
     axis::Axis,
     html::{Html, escape},
+    page::STYLE,
 };
 
 /// What a mark is drawn in; the style sheet knows the colours.
@@ -68,6 +70,20 @@ const HEIGHT: f64 = 240.0;
 /// Room for numbers and labels: left, right, top, bottom.
 const MARGIN: [f64; 4] = [50.0, 12.0, 22.0, 40.0];
 
+/// Room above a plot that is a file of its own, and for each line of its legend.
+const TITLE: f64 = 20.0;
+const LEGEND: f64 = 18.0;
+
+/// What stands for a mark in the legend, 24 × 12 units.
+fn swatch(tone: Tone, filled: bool) -> String {
+    let class = tone.class();
+    if filled {
+        format!("<rect class=\"fill {class}\" width=\"24\" height=\"12\"/>")
+    } else {
+        format!("<path class=\"line {class}\" d=\"M0 6H24\"/>")
+    }
+}
+
 impl Plot {
     /// An empty plot; `alt` says in words what it shows.
     pub fn new(title: impl Into<String>, alt: impl Into<String>, x: Axis, y: Axis) -> Self {
@@ -95,15 +111,10 @@ impl Plot {
         if !self.legend.is_empty() {
             html += "<ul class=\"legend\">";
             for (tone, filled, name) in &self.legend {
-                let (kind, class) = (if *filled { "fill" } else { "line" }, tone.class());
-                let shape = if *filled {
-                    format!("<rect class=\"{kind} {class}\" width=\"24\" height=\"12\"/>")
-                } else {
-                    format!("<path class=\"{kind} {class}\" d=\"M0 6H24\"/>")
-                };
                 let _ = write!(
                     html,
-                    "<li><svg class=\"swatch\" viewBox=\"0 0 24 12\" aria-hidden=\"true\">{shape}</svg>{}</li>",
+                    "<li><svg class=\"swatch\" viewBox=\"0 0 24 12\" aria-hidden=\"true\">{}</svg>{}</li>",
+                    swatch(*tone, *filled),
                     escape(name)
                 );
             }
@@ -115,16 +126,49 @@ impl Plot {
         Html::raw(html + "</figure>")
     }
 
+    /// The plot as an SVG file of its own, with title and legend.
+    pub fn document(&self) -> String {
+        let height = TITLE + HEIGHT + LEGEND * self.legend.len() as f64;
+        let mut svg = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height}\" width=\"{}\" height=\"{}\" role=\"img\" \
+             aria-label=\"{}\">\n<style>{}</style>\n<rect width=\"100%\" height=\"100%\" style=\"fill: var(--paper)\"/>\n",
+            2.0 * WIDTH,
+            2.0 * height,
+            escape(&self.alt),
+            escape(STYLE)
+        );
+        let middle = 0.5 * WIDTH;
+        let _ = writeln!(svg, "<text x=\"{middle}\" y=\"14\" class=\"middle\">{}</text>", escape(&self.title));
+        let _ = write!(svg, "<g transform=\"translate(0 {TITLE})\">");
+        self.drawing(&mut svg);
+        svg += "</g>\n";
+        for (row, (tone, filled, name)) in self.legend.iter().enumerate() {
+            let y = TITLE + HEIGHT + LEGEND * row as f64;
+            let _ = writeln!(
+                svg,
+                "<g transform=\"translate({} {y})\">{}<text x=\"32\" y=\"10\">{}</text></g>",
+                MARGIN[0],
+                swatch(*tone, *filled),
+                escape(name)
+            );
+        }
+        svg + "</svg>\n"
+    }
+
     fn svg(&self) -> String {
         let mut svg = format!(
             "<svg class=\"plot\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">",
             escape(&self.alt)
         );
-        self.axes(&mut svg);
-        for (tone, mark) in &self.marks {
-            self.mark(*tone, mark, &mut svg);
-        }
+        self.drawing(&mut svg);
         svg + "</svg>"
+    }
+
+    fn drawing(&self, svg: &mut String) {
+        self.axes(svg);
+        for (tone, mark) in &self.marks {
+            self.mark(*tone, mark, svg);
+        }
     }
 
     fn axes(&self, svg: &mut String) {
@@ -223,6 +267,14 @@ mod tests {
         let html = plot().named(Tone::Blue, line, "the <fit>").figure("").into_text();
         assert!(html.contains("d=\"M50.0 200.0L199.0 111.0M348.0 22.0\""), "{html}");
         assert!(html.contains("the &lt;fit&gt;") && html.contains("Title &amp; more") && html.contains("a &lt; b"));
+    }
+
+    #[test]
+    fn a_file_of_its_own_is_svg_with_style_and_legend() {
+        let svg = plot().named(Tone::Blue, Mark::Line(vec![(0.0, 0.0), (10.0, 1.0)]), "the <fit>").document();
+        assert!(svg.starts_with("<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 360 278\""), "{svg}");
+        assert!(svg.contains(">the &lt;fit&gt;</text>") && svg.contains(">Title &amp; more</text>"));
+        assert!(svg.contains("--blue: #2b6cc4") && svg.ends_with("</svg>\n"));
     }
 
     #[test]

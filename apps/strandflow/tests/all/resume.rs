@@ -1,8 +1,6 @@
 //! A killed run loses only what was in work; the next one ends with the same bytes. What is not stale is not repeated.
 #![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
-mod common;
-
 use std::{
     collections::{BTreeMap, BTreeSet},
     io::{BufRead, BufReader},
@@ -11,7 +9,7 @@ use std::{
     time::Duration,
 };
 
-use common::{bytes_below, stderr, strandflow, synthetic, take, text};
+use crate::common::{bytes_below, stderr, strandflow, synthetic, take, text};
 use serde_json::Value;
 use strandflow_engine::store::catalogue;
 

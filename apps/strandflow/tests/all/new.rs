@@ -1,11 +1,9 @@
 //! `new` on footage and calibrations as people have them.
 #![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
-mod common;
-
 use std::path::Path;
 
-use common::{assert_bad_input, capture, stderr, strandflow, text};
+use crate::common::{assert_bad_input, capture, stderr, strandflow, text};
 
 /// The test capture's cameras as Nerfstudio writes them: camera to world, OpenGL axes, metres.
 fn transforms() -> String {
@@ -16,7 +14,7 @@ fn transforms() -> String {
         }
         format!("{{\"file_path\": \"images/{}/000000.png\", \"transform_matrix\": {rows:?}}}", camera.name)
     };
-    let frames: Vec<String> = common::cameras().iter().map(frame).collect();
+    let frames: Vec<String> = crate::common::cameras().iter().map(frame).collect();
     format!(
         "{{\"fl_x\": 180.0, \"fl_y\": 180.0, \"cx\": 32.0, \"cy\": 24.0, \"w\": 64, \"h\": 48, \"frames\": [{}]}}",
         frames.join(", ")
@@ -30,7 +28,7 @@ fn manifest(take: &Path) -> String {
 #[test]
 fn the_plain_layout_is_read_in_place() {
     let root = tempfile::tempdir().unwrap();
-    let (from, take) = common::take(root.path());
+    let (from, take) = crate::common::take(root.path());
     assert!(manifest(&take).contains(text(&from.join("calibration.json"))), "{}", manifest(&take));
     assert!(!take.join("calibration.toml").exists());
 }
@@ -42,7 +40,7 @@ fn a_foreign_calibration_gives_the_same_cameras_and_runs() {
     capture(&from);
     std::fs::remove_file(from.join("calibration.json")).unwrap();
     let file = root.path().join("rig.json");
-    common::write(&file, &transforms());
+    crate::common::write(&file, &transforms());
     let new = |more: &[&str]| {
         let fixed = ["new", text(&take), "--capture", text(&from), "--calibration", text(&file)];
         strandflow(&[&fixed, more].concat())
@@ -66,7 +64,7 @@ fn a_foreign_calibration_gives_the_same_cameras_and_runs() {
     );
     let opened = strandflow_engine::Take::open(&take).unwrap();
     let rig = opened.rig();
-    for (camera, expected) in rig.cameras.iter().zip(common::cameras()) {
+    for (camera, expected) in rig.cameras.iter().zip(crate::common::cameras()) {
         let p = glam::DVec3::new(30.0, 40.0, 50.0);
         let off = camera.camera_from_world.point(p) - expected.camera_from_world.point(p);
         assert!(off.length() < 1e-9 && camera.name == expected.name, "{}: {off}", camera.name);

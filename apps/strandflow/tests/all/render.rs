@@ -1,14 +1,12 @@
 //! `strandflow render`: stills, folders, videos; bad input is a located error with a hint and leaves nothing behind.
 #![expect(clippy::unwrap_used, reason = "a failing unwrap is a failing test")]
 
-mod common;
-
 use std::{
     path::{Path, PathBuf},
     process::Command,
 };
 
-use common::{assert_bad_input, assert_not_written, on_full_disk, stderr, strandflow, take, text};
+use crate::common::{assert_bad_input, assert_not_written, on_full_disk, stderr, strandflow, take, text};
 use glam::Vec3;
 use strandflow_core::{Provenance, StrandSequence};
 use strandflow_io::{Interchange, read_rgb, write_hair};

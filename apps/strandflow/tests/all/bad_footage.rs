@@ -1,8 +1,6 @@
 //! A frame without a volume costs that frame; the frames after it are grown all the same, and mending it heals the take.
 
-mod common;
-
-use common::{assert_bad_input, stderr, strandflow, synthetic, text, write_mask};
+use crate::common::{assert_bad_input, stderr, strandflow, synthetic, text, write_mask};
 use strandflow_core::Mask;
 
 #[test]

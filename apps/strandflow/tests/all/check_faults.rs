@@ -1,9 +1,6 @@
 //! `strandflow check` finds planted faults, names them, and is silent on a sound take. Writes the table of `docs/check.md`.
 //!
-//! `STRANDFLOW_WRITE_DOCS=1 cargo test -p strandflow --test check_faults` writes the table anew.
-
-mod common;
-mod faults;
+//! `STRANDFLOW_WRITE_DOCS=1 cargo test -p strandflow --test all check_faults` writes the table anew.
 
 use std::{
     collections::BTreeMap,
@@ -15,8 +12,8 @@ use std::{
     },
 };
 
-use common::{stderr, strandflow, text};
-use faults::{Copy, FRAMES, Sound, blurred, smaller};
+use crate::common::{stderr, strandflow, text};
+use crate::faults::{Copy, FRAMES, Sound, blurred, smaller};
 use glam::{DMat3, DVec3};
 use serde_json::Value;
 use strandflow_core::{Plane, RgbImage, RigidTransform};
@@ -304,7 +301,7 @@ fn row(sound: &Sound, number: usize, planted: &Planted) -> Result<String, String
     Ok(format!("| {} | `{}` | {words} | {beside} |", planted.done, planted.fault))
 }
 
-const BEGIN: &str = "<!-- begin: written by tests/check_faults.rs -->\n";
+const BEGIN: &str = "<!-- begin: written by tests/all/check_faults.rs -->\n";
 const END: &str = "\n<!-- end -->";
 
 /// The table in `docs/check.md` is this one, but for its numbers, which may differ by a last digit between processors.
@@ -318,6 +315,6 @@ fn keep(table: &str) {
         return;
     }
     let plain = |text: &str| text.chars().filter(|c| !c.is_ascii_digit() && *c != '.').collect::<String>();
-    let hint = "run STRANDFLOW_WRITE_DOCS=1 cargo test -p strandflow --test check_faults";
+    let hint = "run STRANDFLOW_WRITE_DOCS=1 cargo test -p strandflow --test all check_faults";
     assert_eq!(plain(old), plain(table), "the table in docs/check.md is stale: {hint}");
 }

@@ -1,14 +1,12 @@
 //! Bad input of takes whose views are videos; skipped where ffmpeg is not installed.
 #![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
-mod common;
-
 use std::{
     path::{Path, PathBuf},
     process::Command,
 };
 
-use common::{FRAMES, VIEWS, assert_bad_input, stderr, strandflow, text};
+use crate::common::{FRAMES, VIEWS, assert_bad_input, stderr, strandflow, text};
 
 /// The tiny capture with lossless videos instead of images, and its take. `None` without ffmpeg.
 fn take(root: &Path) -> Option<(PathBuf, PathBuf)> {
@@ -17,7 +15,7 @@ fn take(root: &Path) -> Option<(PathBuf, PathBuf)> {
         return None;
     }
     let (capture, take) = (root.join("capture"), root.join("take"));
-    common::capture(&capture);
+    crate::common::capture(&capture);
     for view in 0..VIEWS {
         encode(&capture, view, FRAMES, "64x48", LOSSLESS);
     }

@@ -1,11 +1,9 @@
 //! A view that is held out takes no part in the reconstruction and tells good strands from bad ones.
 #![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
-mod common;
-
 use std::path::Path;
 
-use common::{stderr, strandflow, synthetic, text};
+use crate::common::{stderr, strandflow, synthetic, text};
 use glam::{Quat, Vec3};
 use serde_json::Value;
 use strandflow_core::{Provenance, StrandSequence};

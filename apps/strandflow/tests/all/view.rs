@@ -1,15 +1,13 @@
 //! `strandflow view`: every address against what the store holds, who may ask, unfinished takes, and the page in a browser.
 #![expect(clippy::unwrap_used, reason = "a failing unwrap is a failing test")]
 
-mod common;
-
 use std::{
     path::{Path, PathBuf},
     process::Command,
     sync::LazyLock,
 };
 
-use common::{
+use crate::common::{
     assert_bad_input, bytes_below, stderr, strandflow, synthetic, text,
     viewer::{Viewer, pages},
 };
@@ -470,14 +468,17 @@ fn what_is_not_there_is_told_with_its_place() {
 #[test]
 fn unfinished_takes_and_takes_without_footage_show_what_they_have() {
     let root = tempfile::tempdir().unwrap();
-    let (capture, take) = common::take(root.path());
+    let (capture, take) = crate::common::take(root.path());
     let before = bytes_below(&take);
     let json = |viewer: &Viewer| serde_json::from_slice::<Value>(&viewer.body("/api/take")).unwrap();
     {
         // Never run: the cameras and the footage.
         let viewer = Viewer::of(&take, &[]);
         let json = json(&viewer);
-        assert_eq!((&json["sets"], &json["frames"]), (&serde_json::json!([]), &serde_json::json!([0, common::FRAMES])));
+        assert_eq!(
+            (&json["sets"], &json["frames"]),
+            (&serde_json::json!([]), &serde_json::json!([0, crate::common::FRAMES]))
+        );
         assert!(json["views"][1]["footage"] == true && json["layers"]["masks"] == false);
         assert!(json["notes"].to_string().contains("not been run"));
         assert!(json["stages"][3]["state"] == "none" && json["world_from_head"]["poses"] == serde_json::json!([]));

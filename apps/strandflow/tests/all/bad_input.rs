@@ -1,8 +1,6 @@
 //! Every kind of bad input is a located error with a hint and exit code 2, and leaves the results whole.
 
-mod common;
-
-use common::{assert_bad_input, bytes_below, stderr, strandflow, take, text};
+use crate::common::{assert_bad_input, bytes_below, stderr, strandflow, take, text};
 use strandflow_core::{Mask, RgbImage};
 
 #[test]
@@ -18,8 +16,8 @@ fn a_missing_frame_names_view_and_frame() {
 fn a_camera_without_calibration_is_named() {
     let root = tempfile::tempdir().unwrap();
     let (capture, take) = take(root.path());
-    let calibration = common::calibration().replace("\"name\": \"cam2\"", "\"name\": \"other\"");
-    common::write(&capture.join("calibration.json"), &calibration);
+    let calibration = crate::common::calibration().replace("\"name\": \"cam2\"", "\"name\": \"other\"");
+    crate::common::write(&capture.join("calibration.json"), &calibration);
     assert_bad_input(&strandflow(&["run", text(&take), "--to", "masks"]), &["calibration.json", "cam2"]);
 }
 
@@ -36,7 +34,10 @@ fn a_clip_of_another_length_or_size_is_named() {
     let run = strandflow(&["run", text(&take), "--to", "masks"]);
     assert!(run.status.success(), "{}", stderr(&run));
     for frame in 0..4 {
-        common::write_rgb(&capture.join(format!("images/cam2/{frame:06}.png")), &RgbImage::filled(32, 24, [90; 3]));
+        crate::common::write_rgb(
+            &capture.join(format!("images/cam2/{frame:06}.png")),
+            &RgbImage::filled(32, 24, [90; 3]),
+        );
     }
     assert_bad_input(&strandflow(&["run", text(&take), "--to", "masks"]), &["cam2", "32", "64"]);
 }
@@ -57,7 +58,7 @@ fn an_unreadable_image_costs_its_view_from_that_frame_on_and_nothing_else() {
     std::fs::write(&broken, &whole).unwrap();
     assert!(strandflow(&["run", text(&take), "--to", "masks"]).status.success());
     let other = tempfile::tempdir().unwrap();
-    let (_, straight) = common::take(other.path());
+    let (_, straight) = crate::common::take(other.path());
     assert!(strandflow(&["run", text(&straight), "--to", "masks"]).status.success());
     assert_eq!(bytes_below(&take.join("results.zarr")), bytes_below(&straight.join("results.zarr")));
 }
@@ -66,8 +67,11 @@ fn an_unreadable_image_costs_its_view_from_that_frame_on_and_nothing_else() {
 fn a_mask_that_empties_the_hull_is_an_error_of_the_hull() {
     let root = tempfile::tempdir().unwrap();
     let (capture, take) = take(root.path());
-    for frame in 0..common::FRAMES {
-        common::write_mask(&capture.join(format!("user/subject_masks/cam1/{frame:06}.png")), &Mask::filled(64, 48, 0));
+    for frame in 0..crate::common::FRAMES {
+        crate::common::write_mask(
+            &capture.join(format!("user/subject_masks/cam1/{frame:06}.png")),
+            &Mask::filled(64, 48, 0),
+        );
     }
     let manifest = std::fs::read_to_string(take.join("strandflow.toml")).unwrap();
     let folder = format!("subject_masks = {:?}", text(&capture.join("user/subject_masks")));
@@ -102,14 +106,14 @@ fn unreadable_plates_and_masks_are_named_with_their_view() {
 fn labels_outside_the_image_and_of_no_number_are_named() {
     let root = tempfile::tempdir().unwrap();
     let (capture, take) = take(root.path());
-    let labels = common::labels(7);
+    let labels = crate::common::labels(7);
     let first = labels.find("\"cam1\": [").unwrap() + "\"cam1\": [".len();
     let end = first + labels[first..].find(',').unwrap();
     let with = |number: &str| format!("{}{number}{}", &labels[..first], &labels[end..]);
-    common::write(&capture.join("user/marker_labels.json"), &with("900.0"));
+    crate::common::write(&capture.join("user/marker_labels.json"), &with("900.0"));
     let run = strandflow(&["run", text(&take)]);
     assert_bad_input(&run, &["marker_labels.json", "view cam1, frame 0", "marker 0", "64×48"]);
-    common::write(&capture.join("user/marker_labels.json"), &with("NaN"));
+    crate::common::write(&capture.join("user/marker_labels.json"), &with("NaN"));
     assert_bad_input(&strandflow(&["run", text(&take)]), &["marker_labels.json:1", "non-finite number NaN"]);
 }
 
@@ -117,7 +121,7 @@ fn labels_outside_the_image_and_of_no_number_are_named() {
 fn fewer_than_five_markers_are_counted() {
     let root = tempfile::tempdir().unwrap();
     let (capture, take) = take(root.path());
-    common::write(&capture.join("user/marker_labels.json"), &common::labels(4));
+    crate::common::write(&capture.join("user/marker_labels.json"), &crate::common::labels(4));
     assert_bad_input(&strandflow(&["run", text(&take)]), &["marker_labels.json", "4 markers", "at least 5"]);
 }
 
@@ -129,9 +133,9 @@ fn a_number_that_is_not_finite_is_an_error() {
     std::fs::write(take.join("strandflow.toml"), manifest.replace("fps = 100.0", "fps = nan")).unwrap();
     assert_bad_input(&strandflow(&["run", text(&take)]), &["strandflow.toml", "fps"]);
     std::fs::write(take.join("strandflow.toml"), manifest).unwrap();
-    let calibration = common::calibration().replace("[180, 0, 32]", "[1e999, 0, 32]");
-    assert_ne!(calibration, common::calibration());
-    common::write(&capture.join("calibration.json"), &calibration);
+    let calibration = crate::common::calibration().replace("[180, 0, 32]", "[1e999, 0, 32]");
+    assert_ne!(calibration, crate::common::calibration());
+    crate::common::write(&capture.join("calibration.json"), &calibration);
     assert_bad_input(&strandflow(&["run", text(&take)]), &["calibration.json"]);
 }
 

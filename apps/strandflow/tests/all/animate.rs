@@ -2,14 +2,12 @@
 //! The take has results only, made up here: no footage, no calibration.
 #![expect(clippy::unwrap_used, reason = "a failing unwrap is a failing test")]
 
-mod common;
-
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
 };
 
-use common::{assert_not_written, on_full_disk, stderr, strandflow, text};
+use crate::common::{assert_not_written, on_full_disk, stderr, strandflow, text};
 use glam::{DMat3, DVec3, Vec3};
 use strandflow_core::{FrameRange, Grid, Provenance, RigidTransform, StrandSequence};
 use strandflow_engine::{

@@ -1,11 +1,9 @@
 //! `strandflow report`: one page for a finished, an unfinished and a broken take, readable without a network.
 #![expect(clippy::unwrap_used, reason = "a failing unwrap is a failing test")]
 
-mod common;
-
 use std::path::Path;
 
-use common::{assert_bad_input, browser, bytes_below, stderr, strandflow, synthetic, take, text};
+use crate::common::{assert_bad_input, browser, bytes_below, stderr, strandflow, synthetic, take, text};
 
 /// The page of a take, written to `out`.
 fn page(take: &Path, out: &Path, more: &[&str]) -> String {
@@ -41,6 +39,26 @@ fn assert_self_contained(page: &str) {
     }
 }
 
+/// `evaluate --sketch-truth`: drawings lie at the truth, the stages are compared with them, and lengths are plotted.
+fn true_strands_are_drawn_and_compared(capture: &Path, take: &Path) {
+    let plot = capture.with_file_name("lengths.svg");
+    let gt = capture.join("gt");
+    let draw = ["evaluate", text(take), "--truth", text(&gt), "--sketch-truth", "3", "--plot", text(&plot)];
+    let said = strandflow(&draw);
+    assert!(said.status.success(), "{}", stderr(&said));
+    let printed = String::from_utf8_lossy(&said.stdout).into_owned();
+    let mean = |stage: &str| -> f64 {
+        let row = printed.lines().find(|line| line.starts_with(stage)).unwrap_or_else(|| panic!("{printed}"));
+        row.split_whitespace().nth(2).unwrap().parse().unwrap()
+    };
+    // A pixel is 7 mm here; three views, smoothed along a strand, halve it.
+    assert!(mean("truth ") < 5.0 && mean("blend ") > 0.0, "{printed}");
+    let svg = std::fs::read_to_string(&plot).unwrap();
+    assert!(svg.starts_with("<svg xmlns=") && ["truth", "smooth", "blend"].iter().all(|name| svg.contains(name)));
+    let alone = strandflow(&["evaluate", text(take), "--plot", text(&plot)]);
+    assert_bad_input(&alone, &["no sketched strand to plot"]);
+}
+
 #[test]
 fn a_finished_take_then_without_its_footage() {
     let root = tempfile::tempdir().unwrap();
@@ -56,6 +74,8 @@ fn a_finished_take_then_without_its_footage() {
     page(&take, &two, &["--frame", "1", "--frame", "3", "--view", "cam02"]);
     assert_eq!(bytes_below(&take), before, "a report changes nothing in the take");
     assert!(whole == std::fs::read_to_string(&two).unwrap(), "the same take gives the same bytes");
+    true_strands_are_drawn_and_compared(&capture, &take);
+    assert_eq!(bytes_below(&take), before, "nor does a comparison with drawings");
     // Footage, strands, provenance and orientation map of one view in two frames.
     assert_eq!(whole.matches("<img").count(), 8);
     let parts =

@@ -1,15 +1,13 @@
 //! `strandflow annotate`: what is handed in is checked and stays in the take, `run` uses it, and the page in a browser.
 #![expect(clippy::unwrap_used, reason = "a failing unwrap is a failing test")]
 
-mod common;
-
 use std::{
     collections::BTreeSet,
     path::{Path, PathBuf},
     process::Command,
 };
 
-use common::{
+use crate::common::{
     bytes_below, stderr, strandflow, synthetic, text,
     viewer::{Answer, Viewer, pages},
 };
@@ -81,7 +79,7 @@ fn keys(items: &[&str]) -> BTreeSet<String> {
 #[test]
 fn what_may_not_be_handed_in_is_refused_and_told() {
     let root = tempfile::tempdir().unwrap();
-    let (capture, take) = common::take(root.path());
+    let (capture, take) = crate::common::take(root.path());
     let before = (bytes_below(&take), bytes_below(&capture));
     let desk = Desk::of(&take);
     let host = "Host: localhost";
@@ -162,7 +160,7 @@ fn what_may_not_be_handed_in_is_refused_and_told() {
 #[test]
 fn links_out_of_the_take_are_not_followed() {
     let root = tempfile::tempdir().unwrap();
-    let (_, take) = common::take(root.path());
+    let (_, take) = crate::common::take(root.path());
     let outside = root.path().join("outside");
     std::fs::create_dir_all(&outside).unwrap();
     std::os::unix::fs::symlink(&outside, take.join("user")).unwrap();
@@ -246,8 +244,8 @@ fn a_run_uses_what_was_handed_in_and_repeats_no_more() {
     assert_eq!(written["strands"].as_array().unwrap().len(), 1);
     assert_eq!((desk.json("/api/sketches/2"), &desk.json("/api/work")["sketches"]), (sketch, &json!([2])));
     assert_eq!(bytes_below(&capture), kept, "the capture is as it was");
-    let scored = common::strandflow(&["evaluate", common::text(&take), "--sketches"]);
-    common::assert_bad_input(&scored, &["nothing to score"]);
+    let scored = crate::common::strandflow(&["evaluate", crate::common::text(&take), "--sketches"]);
+    crate::common::assert_bad_input(&scored, &["nothing to score"]);
     assert!(done_by_run(&take, "pose").len() <= 6, "hulls of the frame with another subject");
     assert_eq!(done_by_run(&take, "pose"), keys(&[]));
 

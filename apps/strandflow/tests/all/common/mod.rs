@@ -1,6 +1,5 @@
 //! A tiny capture made in the test: three views of a ball with a cap of hair, as folders of images.
 #![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
-#![allow(dead_code, reason = "every test file uses a part of it")]
 
 pub mod browser;
 pub mod synthetic;
