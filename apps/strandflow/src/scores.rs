@@ -104,7 +104,7 @@ pub fn score_take(
         if let Ok(ids) = take.store().read_all::<u32>("pose/ids")
             && !truth.marker_views.is_empty()
         {
-            let views = take.views().taking_part();
+            let views = (take.rig(), take.views().taking_part());
             scores.markers = Some(evaluate_markers(&numbers, views, &ids, &poses.tracks, truth));
         }
     }
