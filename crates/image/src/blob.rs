@@ -213,6 +213,26 @@ mod tests {
         })
     }
 
+    /// The mean of the ball on its way.
+    fn smeared_scene(centre: DVec2, way: DVec2) -> RgbImage {
+        let moments: Vec<RgbImage> = (0..16).map(|k| scene(centre + way * ((k as f64 + 0.5) / 16.0 - 0.5))).collect();
+        Plane::from_fn(80, 60, |x, y| {
+            [0, 1, 2].map(|c| (moments.iter().map(|m| u32::from(m[(x, y)][c])).sum::<u32>() / 16) as u8)
+        })
+    }
+
+    #[test]
+    fn a_smeared_ball_is_found_by_its_streak() {
+        let blob = Blob::learn(&scene(DVec2::new(30.2, 25.7)), DVec2::new(30.5, 25.2), 4.5).unwrap();
+        let truth = DVec2::new(40.6, 29.3);
+        for way in [DVec2::new(7.0, 3.0), DVec2::new(-16.0, 9.0)] {
+            let image = smeared_scene(truth, way);
+            let found = blob.smeared(way).search(&image, truth + DVec2::new(5.0, -4.0), 12.0).unwrap();
+            assert!(found.centre.distance(truth) < 0.5 && found.score > 0.4, "{found:?} of {way}");
+            assert!(blob.smeared(way).score(&image, truth) > blob.score(&image, truth) + 0.1, "{way}");
+        }
+    }
+
     #[test]
     fn a_ball_is_found_to_a_tenth_of_a_pixel() {
         let blob = Blob::learn(&scene(DVec2::new(30.2, 25.7)), DVec2::new(30.5, 25.2), 4.5).unwrap();

@@ -25,9 +25,13 @@ pub(super) struct Anchor {
 
 impl Anchor {
     /// The first frame.
-    pub fn first(tracker: &Tracker) -> Self {
+    pub fn first(tracker: &Tracker) -> Result<Self, StageError> {
         let (frame, looks) = (tracker.input.frames.start, tracker.looks.clone());
-        Self { frame, found: tracker.first_frame(), looks, is_correction: false }
+        let found = match tracker.mode {
+            Mode::Paper => tracker.first_frame(),
+            Mode::Robust => tracker.first_frame_settled(&tracker.images(frame)?),
+        };
+        Ok(Self { frame, found, looks, is_correction: false })
     }
 
     /// A corrected frame, and what was tracked up to it from the anchor before. Labelled points stay; other markers are

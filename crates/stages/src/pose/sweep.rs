@@ -13,7 +13,7 @@ use crate::{Mode, StageError};
 /// What every frame of the take shows.
 pub(super) fn all_frames(tracker: &Tracker, report: &mut Report) -> Result<Vec<Found>, StageError> {
     let frames = tracker.input.frames;
-    let mut anchor = Anchor::first(tracker);
+    let mut anchor = Anchor::first(tracker)?;
     let mut all = vec![anchor.found.clone()];
     let corrections = tracker.input.corrections.range(frames.start + 1..).filter(|(frame, _)| **frame < frames.end);
     for (&frame, labels) in corrections {

@@ -151,6 +151,14 @@ impl<'a> Tracker<'a> {
         self.found(self.first.clone(), self.model.clone(), Some(RigidTransform::IDENTITY), RigidTransform::IDENTITY)
     }
 
+    /// The first frame with what is seen there of all markers, labelled or not, and without labels that lie on another marker.
+    pub fn first_frame_settled(&self, images: &[Arc<RgbImage>]) -> Found {
+        let still = RigidTransform::IDENTITY;
+        let sight = Sight { tracker: self, images, looks: &self.looks, before: still, shutter: 0.0 };
+        let tracks = sight.settled(&sight.seen(&self.first, &still), &still);
+        self.found(tracks, self.model.clone(), Some(still), still)
+    }
+
     /// Where the markers of the frame before went.
     pub fn followed(&self, previous: &[Arc<RgbImage>], images: &[Arc<RgbImage>], before: &Points) -> Points {
         let follow = |view: usize, point: Option<DVec2>| {
