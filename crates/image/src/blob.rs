@@ -93,18 +93,33 @@ impl Blob {
         (contrast > 12.0).then_some(Self { colour, around, spread, radius, streak: DVec2::ZERO })
     }
 
-    /// The same ball, smeared: it moves by `way` \[px\] while the shutter is open, so that what is around shines through.
+    /// The same ball, smeared, as it is to be seen at a point of an image: it moves by `way` \[px\] while the shutter is open,
+    /// so that what is around it there shines through.
     ///
-    /// Where the way is longer than the ball, a pixel on it is covered for (diameter / way) of the time; 0.8 of that is the
-    /// mean over the streak. Ways below a quarter of the radius are left out.
-    pub fn smeared(&self, way: DVec2) -> Self {
+    /// Where the way is longer than the ball, a pixel on it is covered for (diameter / way) of the time; 0.7 of that is the
+    /// mean over the streak in code values. Ways below a quarter of the radius are left out.
+    pub fn smeared(&self, image: &RgbImage, at: DVec2, way: DVec2) -> Self {
         let lengths = way.length() / self.radius;
         if lengths < 0.25 {
             return *self;
         }
-        let share = if lengths < 2.0 { 1.0 - 0.1 * lengths } else { 1.6 / lengths } as f32;
-        let spread = (self.spread * share).max(7.0);
-        Self { colour: mixed(self.around, self.colour, share), spread, streak: way, ..*self }
+        let share = if lengths < 2.0 { 1.0 - 0.15 * lengths } else { 1.4 / lengths } as f32;
+        let streak = Self { streak: way, ..*self };
+        let around = streak.surroundings(image, at).unwrap_or(self.around);
+        // Towards its ends a streak fades: what is a third as strong as its mean still belongs to it.
+        let spread = (0.5 * share * weighted(self.colour).distance(weighted(around))).max(8.0);
+        Self { colour: mixed(around, self.colour, share), around, spread, ..streak }
+    }
+
+    /// Median colour of what lies around the streak.
+    fn surroundings(&self, image: &RgbImage, at: DVec2) -> Option<[f32; 3]> {
+        let mut colours = Vec::new();
+        stadium(at, self.half(), 2.2 * self.radius, |_, distance, x, y| {
+            if distance > 1.5 * self.radius {
+                colours.extend(colour_at(image, x, y));
+            }
+        });
+        median_colour(colours)
     }
 
     /// The same ball in `gain` times the light (in code values).
@@ -227,9 +242,10 @@ mod tests {
         let truth = DVec2::new(40.6, 29.3);
         for way in [DVec2::new(7.0, 3.0), DVec2::new(-16.0, 9.0)] {
             let image = smeared_scene(truth, way);
-            let found = blob.smeared(way).search(&image, truth + DVec2::new(5.0, -4.0), 12.0).unwrap();
+            let smeared = blob.smeared(&image, truth, way);
+            let found = smeared.search(&image, truth + DVec2::new(5.0, -4.0), 12.0).unwrap();
             assert!(found.centre.distance(truth) < 0.5 && found.score > 0.4, "{found:?} of {way}");
-            assert!(blob.smeared(way).score(&image, truth) > blob.score(&image, truth) + 0.1, "{way}");
+            assert!(smeared.score(&image, truth) > blob.score(&image, truth) + 0.1, "{way}");
         }
     }
 

@@ -69,7 +69,7 @@ impl Sight<'_> {
         let find = |view: usize, m: usize| {
             let (expected, way) = self.expected(view, m, pose)?;
             let look = self.looks[view][m].as_ref()?;
-            let smeared = Look { blob: look.blob.smeared(way * self.shutter), ..*look };
+            let smeared = Look { blob: look.blob.smeared(&self.images[view], expected, way * self.shutter), ..*look };
             by_look(&self.images[view], &smeared, expected, reach, self.tracker.settings.accept)
         };
         self.all(find)
@@ -118,7 +118,9 @@ impl Sight<'_> {
     fn share(&self, view: usize, m: usize, at: DVec2, pose: &RigidTransform) -> f64 {
         let way = self.expected(view, m, pose).map_or(DVec2::ZERO, |(_, way)| way * self.shutter);
         let own = (0..self.looks.len()).filter(|&v| v == view || self.looks[v][m].is_some_and(|look| !look.is_lent));
-        let of = |look: Look| look.blob.smeared(way).score(&self.images[view], at) / look.score.max(CLEAR);
+        let of = |look: Look| {
+            look.blob.smeared(&self.images[view], at, way).score(&self.images[view], at) / look.score.max(CLEAR)
+        };
         own.filter_map(|v| self.looks[v][m]).map(of).fold(0.0, f64::max)
     }
 
@@ -155,7 +157,8 @@ impl Sight<'_> {
                 }
                 for (k, sum) in judged.iter_mut().enumerate() {
                     let open = k as f64 / (SHUTTERS - 1) as f64;
-                    *sum += look.blob.smeared(way * open).score(&self.images[view], at).max(0.0);
+                    *sum +=
+                        look.blob.smeared(&self.images[view], at, way * open).score(&self.images[view], at).max(0.0);
                 }
             }
         }
@@ -186,7 +189,8 @@ impl Sight<'_> {
     fn seen_look(&self, view: usize, m: usize, points: &Points, pose: &RigidTransform) -> Option<Look> {
         let (point, old) = (points[view][m]?, self.looks[view][m]?);
         let (expected, way) = self.expected(view, m, pose)?;
-        let is_sharp = way.length() * self.shutter < 0.25 * old.blob.radius;
+        // Up to here the middle of the ball is covered by it for the whole exposure.
+        let is_sharp = way.length() * self.shutter < 0.8 * old.blob.radius;
         if !is_sharp || point.distance(expected) > 1.0 || self.share(view, m, point, pose) < WHOLE {
             return None;
         }

@@ -11,7 +11,7 @@ use strandflow_image::blob::Blob;
 use super::{
     PoseInput, PoseSettings,
     sight::{Shutters, Sight, shutter_of},
-    solve::{Seen, consensus, eq1, refine},
+    solve::{Seen, between, consensus, eq1, refine},
     track::{Look, by_flow},
 };
 use crate::{Mode, StageError};
@@ -184,19 +184,16 @@ impl<'a> Tracker<'a> {
     }
 
     /// Robust mode: a frame after those before, searched within `reach` \[px\] of where the head is expected; where that
-    /// does not do, further, and as if the shutter were open for longer or shorter. Also how the markers look from then on.
+    /// does not do, further, as if it had gathered speed, and as if the shutter were open for longer or shorter. Also how the
+    /// markers look from then on.
     pub fn by_look(&self, images: &[Arc<RgbImage>], looks: &Looks, before: &[Found], reach: f64) -> (Found, Looks) {
         let expected = expected(before);
-        let last = before.last();
-        let shutters = last.map_or_else(Shutters::default, |last| last.shutters);
-        let from = last.map_or(expected, |last| last.pose);
-        let shutter = shutter_of(&shutters);
-        let tries =
-            [(reach, shutter), (2.0 * reach, shutter), (2.0 * reach, 0.0), (2.0 * reach, 0.3), (2.0 * reach, 0.6)];
-        let mut best: Option<(Found, Looks)> = None;
-        for (reach, shutter) in tries {
+        let shutters = before.last().map_or_else(Shutters::default, |last| last.shutters);
+        let from = before.last().map_or(expected, |last| last.pose);
+        let mut best: Option<Found> = None;
+        for (speed, reach, shutter) in self.tries(before, reach, shutter_of(&shutters)) {
             let sight = Sight { tracker: self, images, looks, before: from, shutter };
-            let found = self.seen_from(&sight, expected, reach);
+            let found = self.seen_from(&sight, between(&from, &expected, speed, self.centre()), reach);
             if found.is_known {
                 let shutters = sight.judged(&shutters, &found.pose);
                 let sight = Sight { shutter: shutter_of(&shutters), ..sight };
@@ -204,11 +201,24 @@ impl<'a> Tracker<'a> {
                 let looks = sight.looks_after(&found.tracks, &found.pose);
                 return (Found { shutters, ..found }, looks);
             }
-            if best.as_ref().is_none_or(|(best, _)| found.used > best.used) {
-                best = Some((Found { shutters, ..found }, looks.clone()));
+            if best.as_ref().is_none_or(|best| found.used > best.used) {
+                best = Some(Found { pose: expected, shutters, ..found });
             }
         }
-        best.unwrap_or_else(|| (self.first_frame(), looks.clone()))
+        (best.unwrap_or_else(|| self.first_frame()), looks.clone())
+    }
+
+    /// What is tried on a frame, in order: speed of that before, reach \[px\], shutter. A head that stays lost is searched as
+    /// expected only: the other tries cost ten times as much.
+    fn tries(&self, before: &[Found], reach: f64, shutter: f64) -> Vec<(f64, f64, f64)> {
+        let further = (2.0 * reach).min(4.0 * self.settings.search_px);
+        let mut tries = vec![(1.0, reach, shutter), (1.0, further, shutter)];
+        if before.iter().rev().take(2).all(|found| found.is_known) {
+            let speeds =
+                [shutter, 0.4, 0.8, 0.0].into_iter().flat_map(|open| [1.0, 2.0, 3.0].map(|speed| (speed, open)));
+            tries.extend(speeds.skip(1).map(|(speed, open)| (speed, further, open)));
+        }
+        tries
     }
 
     /// Search where the pose is expected, agree, fit, search again where the pose now says.
