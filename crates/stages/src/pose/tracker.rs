@@ -47,13 +47,7 @@ pub(super) struct Tracker<'a> {
     first: Points,
     /// Marker positions in head space \[mm\].
     pub model: Vec<Option<DVec3>>,
-    /// What the first frame's points differ by from the projected model (shading shifts centres the same way in every
-    /// frame), shape (views, M).
-    offset: Vec<Vec<DVec2>>,
 }
-
-/// Shading shifts centres by up to this \[px\]; what is further off was hidden in part when it was labelled.
-const SHADING_PX: f64 = 1.0;
 
 impl<'a> Tracker<'a> {
     pub fn start(input: &'a PoseInput<'a>, mode: Mode, settings: &'a PoseSettings) -> Result<Self, StageError> {
@@ -81,7 +75,6 @@ impl<'a> Tracker<'a> {
             looks: vec![vec![None; input.labels.len()]; views],
             first: vec![vec![None; input.labels.len()]; views],
             model: Vec::new(),
-            offset: vec![vec![DVec2::ZERO; input.labels.len()]; views],
         };
         let images = tracker.images(input.frames.start)?;
         for (m, label) in input.labels.iter().enumerate() {
@@ -103,7 +96,6 @@ impl<'a> Tracker<'a> {
                 settings.markers_needed
             )));
         }
-        tracker.measure_offsets();
         Ok(tracker)
     }
 
@@ -132,19 +124,6 @@ impl<'a> Tracker<'a> {
             triangulate(&seen, self.settings.inlier_px).map(|t| t.point)
         };
         (0..self.input.labels.len()).map(of).collect()
-    }
-
-    fn measure_offsets(&mut self) {
-        for (view, camera) in self.input.rig.cameras.iter().enumerate() {
-            for m in 0..self.model.len() {
-                let (Some(x), Some(seen)) = (self.model[m], self.first[view][m]) else { continue };
-                let Some(p) = project(camera, x) else { continue };
-                let off = seen - p;
-                if off.length() <= SHADING_PX {
-                    self.offset[view][m] = off;
-                }
-            }
-        }
     }
 
     pub fn first_frame(&self) -> Found {
@@ -260,7 +239,7 @@ impl<'a> Tracker<'a> {
 
     /// Where a marker's image is expected at a pose.
     pub fn expected_point(&self, view: usize, m: usize, pose: &RigidTransform) -> Option<DVec2> {
-        Some(project(&self.input.rig.cameras[view], pose.point(self.model[m]?))? + self.offset[view][m])
+        project(&self.input.rig.cameras[view], pose.point(self.model[m]?))
     }
 
     pub fn fit(&self, tracks: &Points, start: RigidTransform) -> RigidTransform {
@@ -274,10 +253,10 @@ impl<'a> Tracker<'a> {
         start: RigidTransform,
     ) -> RigidTransform {
         let mut seen = Vec::new();
-        for (view, offsets) in self.offset.iter().enumerate() {
-            for (marker, offset) in offsets.iter().enumerate() {
+        for view in 0..self.input.rig.view_count() {
+            for marker in 0..self.model.len() {
                 if let Some((point, weight)) = weighted(view, marker) {
-                    seen.push(Seen { view, marker, point: point - *offset, weight });
+                    seen.push(Seen { view, marker, point, weight });
                 }
             }
         }
