@@ -10,7 +10,7 @@ use crate::{held_out, scores::Scores, sketch_table};
 impl Scores {
     /// The tables that `evaluate` prints.
     pub fn text(&self) -> String {
-        let tables = [self.stages(), self.reliability(), self.shapes(), self.motion(), self.in_views()];
+        let tables = [self.stages(), self.markers(), self.reliability(), self.shapes(), self.motion(), self.in_views()];
         let sketches = if self.sketches.is_empty() { Vec::new() } else { sketch_table::tables(&self.sketches) };
         tables.into_iter().flatten().chain(sketches).map(|table| format!("{table}\n")).collect()
     }
@@ -97,6 +97,16 @@ impl Scores {
             row("field", "share of it not explained (rms)", most(&of(|m| m.unexplained)), mean(&of(|m| m.unexplained)));
         }
         any.then_some(table)
+    }
+
+    /// Marker tracks: counts.
+    fn markers(&self) -> Option<Table> {
+        let scores = self.markers.as_ref()?;
+        let mut table = Table::new(&["markers", "visible marker-frames", "within 2 px", "swaps", "false tracks"]);
+        let share = format!("{:.2} %", 100.0 * scores.share_within_2px());
+        let cells = [scores.visible.to_string(), share, scores.swaps.to_string(), scores.false_tracks.to_string()];
+        table.row("tracked", cells);
+        Some(table)
     }
 
     /// 2D orientations in ten equal parts by confidence, means over the frames.

@@ -11,6 +11,7 @@ use strandflow_eval::{
     evaluate_refinement, evaluate_strands,
     head::{PoseScores, ScalpScores, evaluate_pose, evaluate_scalp, marker_reprojection},
     images::{MaskScores, OrientationScores, evaluate_orientation, iou_with_itself_smoothed, mask_iou, mask_scores},
+    markers::{MarkerScores, evaluate_markers},
     raster::StrandView,
     statistics::evenly,
     volume::{
@@ -38,6 +39,8 @@ pub struct Scores {
     pub pose: Option<PoseScores>,
     /// Triangulated markers against their true projections \[px\].
     pub marker_px: Option<Summary>,
+    /// Marker tracks in the views that take part.
+    pub markers: Option<MarkerScores>,
     /// Scalp.
     pub scalp: Option<ScalpScores>,
     /// Orientation maps, per frame.
@@ -98,6 +101,12 @@ pub fn score_take(
         let numbers: Vec<u32> = (0..poses.world_from_head.len()).map(|t| (plan.lead.start + t) as u32).collect();
         scores.pose = Some(evaluate_pose(&numbers, &poses.world_from_head, truth));
         scores.marker_px = Some(marker_reprojection(&numbers, &poses.markers, take.rig(), truth));
+        if let Ok(ids) = take.store().read_all::<u32>("pose/ids")
+            && !truth.marker_views.is_empty()
+        {
+            let views = (take.rig(), take.views().taking_part());
+            scores.markers = Some(evaluate_markers(&numbers, views, &ids, &poses.tracks, truth));
+        }
     }
     if wanted("scalp")
         && let Ok(scalp) = take.read_scalp()

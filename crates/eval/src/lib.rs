@@ -8,6 +8,7 @@ pub mod head;
 pub mod images;
 pub mod index;
 pub mod lengths;
+pub mod markers;
 pub mod overlay;
 pub mod raster;
 pub mod sketches;

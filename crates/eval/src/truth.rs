@@ -23,6 +23,8 @@ pub struct Truth {
     pub head: TriMesh,
     /// Marker centres at the first frame \[mm\].
     pub markers: Vec<DVec3>,
+    /// Radius of the marker balls \[mm\]; 0 where not given.
+    pub marker_radius: f64,
     /// Marker projections \[px\] and visible shares, by frame number, view and marker.
     pub marker_views: Vec<Vec<Vec<(DVec2, f32)>>>,
 }
@@ -141,6 +143,8 @@ fn read_head(folder: &Path, truth: &mut Truth) -> Result<(), TruthError> {
 
 fn read_markers(archive: &mut Archive, truth: &mut Truth) -> Result<(), TruthError> {
     truth.markers = archive.vectors("points_frame0")?.into_iter().map(|p| p * 1000.0).collect();
+    truth.marker_radius =
+        archive.numbers("radius").ok().and_then(|(_, radius)| radius.first().copied()).unwrap_or(0.0) * 1000.0;
     let (shape, uv) = archive.numbers("uv")?;
     let (_, visible) = archive.numbers("visible_fraction")?;
     let [_, views, markers, 2] = shape[..] else { return Err(archive.wrong("`uv` is not (T, views, M, 2)")) };

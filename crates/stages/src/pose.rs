@@ -10,6 +10,7 @@ use strandflow_core::{FrameRange, ImageSource, Report, Rig, RigidTransform};
 use crate::{Mode, SettingViolation, StageError};
 
 mod anchor;
+mod sight;
 mod solve;
 mod sweep;
 mod track;
@@ -49,7 +50,8 @@ pub struct HeadPoses {
     pub world_from_head: Vec<RigidTransform>,
     /// Marker positions \[mm\], shape (T, M); `None` where not triangulated.
     pub markers: Vec<Vec<Option<DVec3>>>,
-    /// Marker image points \[px\], shape (T, views, M); `None` where lost or occluded.
+    /// Marker image points \[px\], shape (T, views, M); `None` where lost or occluded. In robust mode, of a marker that is
+    /// hidden in part, where the pose puts it.
     pub tracks: Vec<Vec<Vec<Option<DVec2>>>>,
     /// Root mean square reprojection error of the markers used \[px\], per frame.
     pub rms_px: Vec<f64>,
@@ -118,7 +120,8 @@ impl PoseSettings {
 /// Marker tracks and head poses of the whole take.
 ///
 /// Robust mode searches every marker by its look where the pose, continued at constant velocity, expects it, and fits the
-/// pose to all image points at once. Deviation: the paper follows markers by flow and uses eq. 1 alone, as paper mode
+/// pose to all image points at once. Looks follow light and shading, and are smeared along the way of the marker as the
+/// shutter does it; a marker that was hidden is found again where the pose puts it. Deviation: the paper follows markers by flow and uses eq. 1 alone, as paper mode
 /// does; a marker lost there stays lost until a correction finds it again.
 ///
 /// From each correction tracks are followed forward to the next one and backward to the one before; between two, every frame

@@ -317,7 +317,7 @@ fn a_turning_head_is_followed_by_its_balls() {
 #[test]
 fn a_correction_holds_forward_and_backward() {
     let scene = Balls::moving(|t| {
-        let jump = if t < 3 { 0.0 } else { 26.0 };
+        let jump = if t < 3 { 0.0 } else { 40.0 };
         let translation = DVec3::new(jump + 0.5 * t as f64, 0.3 * jump, 0.0);
         RigidTransform { rotation: DMat3::from_rotation_y(0.004 * t as f64 + 0.004 * jump), translation }
     });

@@ -23,7 +23,7 @@ impl SynthSpec {
                 out.push(SpecViolation { field, fact: format!("{value} is outside {low}..={high}"), hint });
             }
         };
-        let Self { rig, groom, motion, physics, noise, .. } = self;
+        let Self { rig, groom, motion, physics, hand, noise, .. } = self;
         range("rig.frames", rig.frames as f64, 1.0, 10_000.0, "write at least one frame");
         range("rig.fps", rig.fps, 1.0, 10_000.0, "write frames a second");
         range("rig.views", rig.views as f64, 1.0, 64.0, "the chain needs three views or more");
@@ -52,6 +52,10 @@ impl SynthSpec {
         range("motion.turn_deg", motion.turn_deg, -90.0, 90.0, "write degrees");
         range("motion.nod_deg", motion.nod_deg, -45.0, 45.0, "write degrees");
         range("motion.rate_hz", motion.rate_hz, 0.0, 5.0, "write swings a second");
+        range("motion.sway_mm", motion.sway_mm, -500.0, 500.0, "write millimetres");
+        range("hand.radius_mm", hand.radius_mm, 0.0, 200.0, "write millimetres, 0 for none");
+        range("hand.distance_mm", hand.distance_mm, 0.0, 450.0, "write millimetres, nearer than any camera");
+        range("hand.rate_hz", hand.rate_hz, -5.0, 5.0, "write turns a second");
         range("physics.substeps", physics.substeps as f64, 1.0, 100.0, "10 is usual");
         range("physics.settle_secs", physics.settle_secs, 0.0, 60.0, "write seconds");
         for value in physics.stiffness {
@@ -68,6 +72,8 @@ impl SynthSpec {
         range("noise.label_px", noise.label_px, 0.0, 100.0, "write pixels");
         range("noise.calibration_px", noise.calibration_px, 0.0, 100.0, "write pixels");
         range("noise.sync_ms", noise.sync_ms, 0.0, 1000.0, "write milliseconds");
+        range("noise.shutter", noise.shutter, 0.0, 1.0, "write a share of the time between frames");
+        range("noise.light_stops", noise.light_stops, -3.0, 3.0, "write stops");
         out
     }
 }

@@ -38,5 +38,5 @@ pub use check::SpecViolation;
 pub use groom::Groom;
 pub use render::{MarkerLabels, Picture};
 pub use scene::{FrameTruth, MARKER_COLOURS, MARKER_RADIUS_MM, Scene, generate};
-pub use spec::{GroomSpec, MotionSpec, NoiseSpec, PhysicsSpec, RigSpec, Style, SynthSpec};
+pub use spec::{GroomSpec, HandSpec, MotionSpec, NoiseSpec, PhysicsSpec, RigSpec, Style, SynthSpec};
 pub use strandflow_dynamics::GRAVITY;

@@ -41,9 +41,9 @@ impl GuideMotion {
     }
 }
 
-/// Simulates the guides over the capture and as far around it as the views are out of step.
+/// Simulates the guides over the capture and as far around it as views are out of step and shutters open.
 pub(crate) fn simulate(spec: &SynthSpec, groom: &Groom) -> GuideMotion {
-    let margin = (spec.noise.sync_ms * 1e-3 * spec.rig.fps).ceil() as i64;
+    let margin = (spec.noise.sync_ms * 1e-3 * spec.rig.fps + 0.5 * spec.noise.shutter).ceil() as i64;
     let (first, last) = (-margin, spec.rig.frames as i64 - 1 + margin);
     let count = spec.groom.guides.min(groom.strands.len());
     let guides: Vec<Vec<Vec<DVec3>>> = (0..count)

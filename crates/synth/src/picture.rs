@@ -28,6 +28,12 @@ fn blur_of(spec: &SynthSpec, view: usize) -> f64 {
     spec.noise.blur_px.hypot(spec.noise.defocus_px * out_of_focus)
 }
 
+/// The light in a frame, of that in the first.
+pub(crate) fn light_of(spec: &SynthSpec, frame: usize) -> f32 {
+    let share = frame as f64 / spec.rig.frames as f64;
+    (spec.noise.light_stops * (std::f64::consts::TAU * share).sin()).exp2() as f32
+}
+
 /// Lens, tone curve and sensor: a linear picture as the camera stores it. `exposure` tells pictures of one view apart.
 pub(crate) fn expose(spec: &SynthSpec, view: usize, exposure: u64, linear: &Plane<Vec3>) -> RgbImage {
     let soft = blurred(linear, blur_of(spec, view));

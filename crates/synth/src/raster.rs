@@ -12,8 +12,10 @@ pub(crate) const BACKGROUND: u8 = 0;
 pub(crate) const HEAD: u8 = 1;
 /// A strand.
 pub(crate) const HAIR: u8 = 2;
+/// The hand.
+pub(crate) const HAND: u8 = 3;
 /// The first marker; the others follow.
-pub(crate) const MARKER: u8 = 3;
+pub(crate) const MARKER: u8 = 4;
 
 /// A vertex in sample coordinates.
 #[derive(Clone, Copy, Debug, Default)]

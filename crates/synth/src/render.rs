@@ -5,13 +5,17 @@ use rayon::prelude::*;
 use strandflow_core::{Mask, Plane, RgbImage};
 
 use crate::light::Light;
-use crate::picture::{careless, expose};
-use crate::raster::{BACKGROUND, Band, HAIR, MARKER, Vertex};
+use crate::picture::{careless, expose, light_of};
+use crate::raster::{BACKGROUND, Band, HAIR, HAND, MARKER, Vertex};
 use crate::scene::{MARKER_COLOURS, MARKER_RADIUS_MM, Scene};
 use crate::studio::{Lens, Lit};
 
 /// Rows of pixels that are rendered as one piece of work.
 const BAND_ROWS: usize = 8;
+
+/// Moments that a picture of an open shutter is the mean of: a way of 16 px in the exposure is drawn in steps of 3 px, a third
+/// of a ball; each moment costs as much as a picture.
+const MOMENTS: usize = 5;
 
 /// Share of a marker that a person must see to click it.
 const CLICKABLE: f64 = 0.6;
@@ -42,10 +46,10 @@ impl Scene {
 
     /// All views of a frame.
     pub fn render(&self, frame: usize) -> Vec<Picture> {
-        let in_step = self.delays.iter().all(|&d| d == 0.0).then(|| self.lit(frame as f64));
+        let in_step = self.delays.iter().all(|&d| d == 0.0).then(|| self.exposure(frame as f64));
         (0..self.rig.view_count())
             .map(|view| match &in_step {
-                Some(lit) => self.picture(view, frame, lit),
+                Some(moments) => self.picture(view, frame, moments),
                 None => self.render_view(view, frame),
             })
             .collect()
@@ -53,7 +57,14 @@ impl Scene {
 
     /// One view of a frame.
     pub fn render_view(&self, view: usize, frame: usize) -> Picture {
-        self.picture(view, frame, &self.lit(frame as f64 + self.delays[view]))
+        self.picture(view, frame, &self.exposure(frame as f64 + self.delays[view]))
+    }
+
+    /// The moments of an exposure around a time in frames, evenly spread.
+    fn exposure(&self, frame: f64) -> Vec<Lit> {
+        let shutter = self.spec.noise.shutter;
+        let count = if shutter > 0.0 { MOMENTS } else { 1 };
+        (0..count).map(|k| self.lit(frame + shutter * ((k as f64 + 0.5) / count as f64 - 0.5))).collect()
     }
 
     /// The marker labels of frame 0 from its pictures: clicks, with their error, on markers that can be seen.
@@ -71,19 +82,27 @@ impl Scene {
         careless(&self.spec, view, &first.hair)
     }
 
-    fn picture(&self, view: usize, frame: usize, lit: &Lit) -> Picture {
+    fn picture(&self, view: usize, frame: usize, moments: &[Lit]) -> Picture {
+        let drawn: Vec<Vec<Resolved>> = moments.iter().map(|lit| self.drawn(view, lit)).collect();
+        self.assemble(view, frame, &drawn)
+    }
+
+    /// The bands of a view at one moment.
+    fn drawn(&self, view: usize, lit: &Lit) -> Vec<Resolved> {
         let camera = &self.rig.cameras[view];
         let ss = self.spec.rig.subsamples;
         let lens = Lens { camera, ss };
         let skin: Vec<Vertex> = lit.skin.iter().map(|&(p, colour)| lens.vertex(p, colour)).collect();
         let hair: Vec<Vec<Vertex>> = lit.fibres.par_iter().map(|fibre| fibre.seen(&lens, &lit.lights)).collect();
+        let coloured = self.markers.iter().zip(MARKER_COLOURS);
         let balls: Vec<Vertex> =
-            self.markers.iter().map(|&m| lens.vertex(lit.world_from_head.point(m), Vec3::ZERO)).collect();
+            coloured.map(|(&m, colour)| lens.vertex(lit.world_from_head.point(m), Vec3::from_array(colour))).collect();
         let bands = camera.height.div_ceil(BAND_ROWS);
         let hair_of_band =
             binned(&hair, bands, (BAND_ROWS * ss) as f32, lens.width(self.spec.groom.width_mm, &lit.fibres));
         let skin_of_band = binned_faces(&self.head.faces, &skin, bands, (BAND_ROWS * ss) as f32);
-        let rows: Vec<Resolved> = (0..bands)
+        let hand = lens.vertex(lit.hand, Vec3::new(0.75, 0.46, 0.34));
+        (0..bands)
             .into_par_iter()
             .map(|b| {
                 let first = b * BAND_ROWS;
@@ -98,30 +117,38 @@ impl Scene {
                     band.ribbon(p, q, width as f32);
                 }
                 let discs = self.draw_balls(&mut band, &lens, &balls, &lit.lights);
+                self.draw_ball(&mut band, &lens, &hand, (self.spec.hand.radius_mm, HAND), &lit.lights);
                 self.resolve(view, &band, first..last, discs)
             })
-            .collect();
-        self.assemble(view, frame, rows)
+            .collect()
     }
 
     /// Draws the marker balls and returns the samples of each one's disc.
     fn draw_balls(&self, band: &mut Band, lens: &Lens, balls: &[Vertex], lights: &[Light]) -> Vec<usize> {
+        let draw = |(m, ball)| self.draw_ball(band, lens, ball, (MARKER_RADIUS_MM, MARKER + m as u8), lights);
+        balls.iter().enumerate().map(draw).collect()
+    }
+
+    /// Draws a ball of a radius \[mm\] and a kind in the light and returns the samples of its disc.
+    fn draw_ball(
+        &self,
+        band: &mut Band,
+        lens: &Lens,
+        ball: &Vertex,
+        (radius_mm, kind): (f64, u8),
+        lights: &[Light],
+    ) -> usize {
+        if radius_mm == 0.0 {
+            return 0;
+        }
         let r = lens.camera.camera_from_world.rotation;
-        balls
-            .iter()
-            .enumerate()
-            .map(|(m, ball)| {
-                let radius = MARKER_RADIUS_MM * lens.camera.focal[0] * lens.ss as f64 / ball.depth as f64;
-                let colour = Vec3::from_array(MARKER_COLOURS[m]);
-                let shade = |n: Vec3| {
-                    let world = (r.transpose() * DVec3::new(n.x as f64, n.y as f64, -n.z as f64)).as_vec3();
-                    let direct: f32 =
-                        lights.iter().map(|l| l.strength * (0.6 * world.dot(l.towards) + 0.4).max(0.0)).sum();
-                    colour * (0.42 * direct + 0.25)
-                };
-                band.ball(ball, radius as f32, MARKER_RADIUS_MM as f32, MARKER + m as u8, shade)
-            })
-            .collect()
+        let radius = radius_mm * lens.camera.focal[0] * lens.ss as f64 / ball.depth as f64;
+        let shade = |n: Vec3| {
+            let world = (r.transpose() * DVec3::new(n.x as f64, n.y as f64, -n.z as f64)).as_vec3();
+            let direct: f32 = lights.iter().map(|l| l.strength * (0.6 * world.dot(l.towards) + 0.4).max(0.0)).sum();
+            ball.colour * (0.42 * direct + 0.25)
+        };
+        band.ball(ball, radius as f32, radius_mm as f32, kind, shade)
     }
 
     /// Averages the samples of each pixel of a band.
@@ -154,17 +181,32 @@ impl Scene {
         out
     }
 
-    fn assemble(&self, view: usize, frame: usize, rows: Vec<Resolved>) -> Picture {
+    /// The picture of the mean of its moments.
+    fn assemble(&self, view: usize, frame: usize, moments: &[Vec<Resolved>]) -> Picture {
         let (width, height) = (self.spec.rig.width, self.spec.rig.height);
-        let total = |of: fn(&Resolved) -> &Vec<usize>, m: usize| rows.iter().map(|r| of(r)[m]).sum::<usize>();
+        let bands = || moments.iter().flatten();
+        let total = |of: fn(&Resolved) -> &Vec<usize>, m: usize| bands().map(|r| of(r)[m]).sum::<usize>();
         let visible = (0..self.markers.len())
             .map(|m| total(|r| &r.seen, m) as f64 / total(|r| &r.discs, m).max(1) as f64)
             .collect();
-        let linear = Plane { width, height, data: rows.iter().flat_map(|r| r.colour.iter().copied()).collect() };
+        let mut linear = Plane::filled(width, height, Vec3::ZERO);
+        let light = light_of(&self.spec, frame) / moments.len() as f32;
+        for rows in moments {
+            let colours = rows.iter().flat_map(|r| &r.colour);
+            linear.data.iter_mut().zip(colours).for_each(|(sum, colour)| *sum += *colour * light);
+        }
+        let mean = |of: fn(&Resolved) -> &Vec<u8>| {
+            let mut sums = vec![0usize; width * height];
+            for rows in moments {
+                sums.iter_mut().zip(rows.iter().flat_map(of)).for_each(|(sum, &level)| *sum += usize::from(level));
+            }
+            let data = sums.into_iter().map(|sum| ((sum + moments.len() / 2) / moments.len()) as u8).collect();
+            Mask { width, height, data }
+        };
         Picture {
             image: expose(&self.spec, view, frame as u64, &linear),
-            hair: Mask { width, height, data: rows.iter().flat_map(|r| r.hair.iter().copied()).collect() },
-            subject: Mask { width, height, data: rows.iter().flat_map(|r| r.subject.iter().copied()).collect() },
+            hair: mean(|r| &r.hair),
+            subject: mean(|r| &r.subject),
             markers: self.marker_points(view, frame),
             visible,
         }

@@ -29,6 +29,8 @@ pub struct SynthSpec {
     pub motion: MotionSpec,
     /// The strands' physics.
     pub physics: PhysicsSpec,
+    /// What passes between cameras and head.
+    pub hand: HandSpec,
     /// What is wrong with the footage.
     pub noise: NoiseSpec,
 }
@@ -107,6 +109,20 @@ pub struct MotionSpec {
     pub nod_deg: f64,
     /// Swings a second \[Hz\].
     pub rate_hz: f64,
+    /// Greatest way of the whole head to its sides \[mm\].
+    pub sway_mm: f64,
+}
+
+/// A ball of the colour of skin that circles the head and hides markers, as a hand would. Of no radius by default: none.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct HandSpec {
+    /// Radius \[mm\].
+    pub radius_mm: f64,
+    /// Distance from the middle of the head \[mm\].
+    pub distance_mm: f64,
+    /// Turns around the head a second \[Hz\]; it begins before the face.
+    pub rate_hz: f64,
 }
 
 /// The strands' physics: the model of `strandflow-dynamics`, at a finer step than the fit's.
@@ -147,6 +163,10 @@ pub struct NoiseSpec {
     pub calibration_px: f64,
     /// Views are up to this much early or late \[ms\].
     pub sync_ms: f64,
+    /// Share of the time between two frames for which the shutter is open, centred on the frame: what moves is blurred.
+    pub shutter: f64,
+    /// The light rises and falls by up to this over the take, once each; the plates have the first frame's light \[stops\].
+    pub light_stops: f64,
 }
 
 impl Default for RigSpec {
@@ -190,7 +210,7 @@ impl Default for GroomSpec {
 
 impl Default for MotionSpec {
     fn default() -> Self {
-        Self { quiet_frames: 7, turn_deg: 26.0, nod_deg: 5.0, rate_hz: 1.5 }
+        Self { quiet_frames: 7, turn_deg: 26.0, nod_deg: 5.0, rate_hz: 1.5, sway_mm: 0.0 }
     }
 }
 
@@ -218,6 +238,8 @@ impl Default for NoiseSpec {
             label_px: 0.3,
             calibration_px: 0.0,
             sync_ms: 0.0,
+            shutter: 0.0,
+            light_stops: 0.0,
         }
     }
 }
@@ -233,6 +255,8 @@ impl NoiseSpec {
             label_px: 0.0,
             calibration_px: 0.0,
             sync_ms: 0.0,
+            shutter: 0.0,
+            light_stops: 0.0,
         }
     }
 }

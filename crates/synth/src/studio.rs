@@ -7,6 +7,7 @@ use strandflow_geometry::project::project;
 
 use crate::head::{has_hair, normal};
 use crate::light::{Density, Light, density_grid, fibre, lights};
+use crate::motion::hand;
 use crate::random::{mix, smooth_noise};
 use crate::raster::Vertex;
 use crate::scene::Scene;
@@ -20,6 +21,8 @@ pub(crate) struct Lit {
     pub skin: Vec<(DVec3, Vec3)>,
     /// The head's pose.
     pub world_from_head: RigidTransform,
+    /// Middle of the hand, world \[mm\].
+    pub hand: DVec3,
     /// The lights, world.
     pub lights: [Light; 4],
 }
@@ -101,7 +104,7 @@ impl Scene {
                 (world_from_head.point(p), base * (0.62 * direct + 0.16))
             })
             .collect();
-        Lit { fibres, skin, world_from_head, lights }
+        Lit { fibres, skin, world_from_head, hand: hand(&self.spec, frame), lights }
     }
 }
 

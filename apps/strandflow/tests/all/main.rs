@@ -11,6 +11,7 @@ mod bad_video;
 mod check_captures;
 mod check_faults;
 mod held_out;
+mod markers;
 mod new;
 mod render;
 mod report;

@@ -7,6 +7,7 @@ use strandflow_core::{Place, Report, RgbImage};
 
 use super::{
     MarkerLabel,
+    sight::{Sight, shutter_of},
     solve::eq1,
     tracker::{Found, Looks, Points, Tracker, expected, learnt},
 };
@@ -24,9 +25,13 @@ pub(super) struct Anchor {
 
 impl Anchor {
     /// The first frame.
-    pub fn first(tracker: &Tracker) -> Self {
+    pub fn first(tracker: &Tracker) -> Result<Self, StageError> {
         let (frame, looks) = (tracker.input.frames.start, tracker.looks.clone());
-        Self { frame, found: tracker.first_frame(), looks, is_correction: false }
+        let found = match tracker.mode {
+            Mode::Paper => tracker.first_frame(),
+            Mode::Robust => tracker.first_frame_settled(&tracker.images(frame)?),
+        };
+        Ok(Self { frame, found, looks, is_correction: false })
     }
 
     /// A corrected frame, and what was tracked up to it from the anchor before. Labelled points stay; other markers are
@@ -93,10 +98,13 @@ fn by_look(tracker: &Tracker, images: &[Arc<RgbImage>], looks: &Looks, labelled:
     let (expected, settings) = (expected(before), tracker.settings);
     let known = tracker.triangulated(labelled);
     let fixed = if tracker.in_common(&known) >= 3 { eq1(&tracker.model, &known) } else { None };
-    let start = fixed.unwrap_or_else(|| tracker.by_look(images, looks, before, tracker.reach(before, 0)).pose);
+    let start = fixed.unwrap_or_else(|| tracker.by_look(images, looks, before, tracker.reach(before, 0)).0.pose);
+    let from = before.last().filter(|found| found.is_known).map_or(start, |found| found.pose);
+    let shutter = before.last().map_or(0.0, |found| shutter_of(&found.shutters));
+    let sight = Sight { tracker, images, looks, before: from, shutter };
     // Around a pose that rests on labels, markers are at most a radius off; further away are others.
-    let once = tracker.fit(&over(tracker.search(images, looks, &start, settings.marker_radius_px), labelled), start);
-    let tracks = over(tracker.search(images, looks, &once, 0.5 * settings.marker_radius_px), labelled);
+    let once = tracker.fit(&over(sight.search(&start, settings.marker_radius_px), labelled), start);
+    let tracks = over(sight.search(&once, 0.5 * settings.marker_radius_px), labelled);
     let pose = tracker.fit(&tracks, once);
     let tracks = over(tracker.agreeing(tracks, &pose), labelled);
     tracker.posed_by_fit(tracks, pose, expected)

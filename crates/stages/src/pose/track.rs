@@ -13,8 +13,17 @@ use strandflow_image::{
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Look {
     pub blob: Blob,
-    /// Score in the first frame, or what is asked of a view without a label.
+    /// Score where it was learnt.
     pub score: f64,
+    /// Whether it was learnt in another view: this one never saw the marker.
+    pub is_lent: bool,
+}
+
+impl Look {
+    /// The score that a find is measured by: of a look that is lent more is asked.
+    fn asked(&self) -> f64 {
+        if self.is_lent { 1.2 * self.score.min(0.8) } else { self.score }
+    }
 }
 
 /// The point of `to` that the point of `from` moved to, by robust flow in a window with a forward–backward check.
@@ -51,5 +60,5 @@ pub(super) fn by_look(image: &RgbImage, look: &Look, predicted: DVec2, reach: f6
         return None;
     }
     let found = look.blob.search(image, predicted, reach)?;
-    (found.score >= accept * look.score).then_some(found.centre)
+    (found.score >= accept * look.asked()).then_some(found.centre)
 }

@@ -10,8 +10,9 @@ use strandflow_image::blob::Blob;
 
 use super::{
     PoseInput, PoseSettings,
-    solve::{Seen, consensus, eq1, refine},
-    track::{Look, by_flow, by_look},
+    sight::{Shutters, Sight, shutter_of},
+    solve::{Seen, between, consensus, eq1, refine},
+    track::{Look, by_flow},
 };
 use crate::{Mode, StageError};
 
@@ -31,6 +32,8 @@ pub(super) struct Found {
     pub markers: Vec<Option<DVec3>>,
     pub used: u32,
     pub rms_px: f64,
+    /// How well each shutter explained the frames up to this one.
+    pub shutters: Shutters,
 }
 
 /// What is known of the markers from the first frame's labels, and how they are found in others.
@@ -44,9 +47,6 @@ pub(super) struct Tracker<'a> {
     first: Points,
     /// Marker positions in head space \[mm\].
     pub model: Vec<Option<DVec3>>,
-    /// What the first frame's points differ by from the projected model (shading shifts centres the same way in every
-    /// frame), shape (views, M).
-    offset: Vec<Vec<DVec2>>,
 }
 
 impl<'a> Tracker<'a> {
@@ -75,7 +75,6 @@ impl<'a> Tracker<'a> {
             looks: vec![vec![None; input.labels.len()]; views],
             first: vec![vec![None; input.labels.len()]; views],
             model: Vec::new(),
-            offset: vec![vec![DVec2::ZERO; input.labels.len()]; views],
         };
         let images = tracker.images(input.frames.start)?;
         for (m, label) in input.labels.iter().enumerate() {
@@ -97,7 +96,6 @@ impl<'a> Tracker<'a> {
                 settings.markers_needed
             )));
         }
-        tracker.measure_offsets();
         Ok(tracker)
     }
 
@@ -112,7 +110,7 @@ impl<'a> Tracker<'a> {
         let best = self.looks.iter().filter_map(|view| view[m]).max_by(|a, b| a.score.total_cmp(&b.score));
         let Some(best) = best else { return };
         for view in &mut self.looks {
-            view[m].get_or_insert(Look { score: 1.2 * best.score.min(0.8), ..best });
+            view[m].get_or_insert(Look { is_lent: true, ..best });
         }
     }
 
@@ -128,21 +126,16 @@ impl<'a> Tracker<'a> {
         (0..self.input.labels.len()).map(of).collect()
     }
 
-    fn measure_offsets(&mut self) {
-        for (view, camera) in self.input.rig.cameras.iter().enumerate() {
-            for m in 0..self.model.len() {
-                let (Some(x), Some(seen)) = (self.model[m], self.first[view][m]) else { continue };
-                let Some(p) = project(camera, x) else { continue };
-                let off = seen - p;
-                if off.length() <= self.settings.inlier_px {
-                    self.offset[view][m] = off;
-                }
-            }
-        }
-    }
-
     pub fn first_frame(&self) -> Found {
         self.found(self.first.clone(), self.model.clone(), Some(RigidTransform::IDENTITY), RigidTransform::IDENTITY)
+    }
+
+    /// The first frame with what is seen there of all markers, labelled or not, and without labels that lie on another marker.
+    pub fn first_frame_settled(&self, images: &[Arc<RgbImage>]) -> Found {
+        let still = RigidTransform::IDENTITY;
+        let sight = Sight { tracker: self, images, looks: &self.looks, before: still, shutter: 0.0 };
+        let tracks = sight.settled(&sight.seen(&self.first, &still), &still);
+        self.found(tracks, self.model.clone(), Some(still), still)
     }
 
     /// Where the markers of the frame before went.
@@ -169,17 +162,63 @@ impl<'a> Tracker<'a> {
         self.settings.search_px * (1 + gap.min(3)) as f64
     }
 
-    /// Robust mode: search where the pose is expected, agree, fit, search again where the pose now says.
-    pub fn by_look(&self, images: &[Arc<RgbImage>], looks: &Looks, before: &[Found], reach: f64) -> Found {
+    /// Robust mode: a frame after those before, searched within `reach` \[px\] of where the head is expected; where that
+    /// does not do, further, as if it had gathered speed, and as if the shutter were open for longer or shorter. Also how the
+    /// markers look from then on.
+    pub fn by_look(&self, images: &[Arc<RgbImage>], looks: &Looks, before: &[Found], reach: f64) -> (Found, Looks) {
         let expected = expected(before);
-        let tracks = self.search(images, looks, &expected, reach);
+        let shutters = before.last().map_or_else(Shutters::default, |last| last.shutters);
+        let from = before.last().map_or(expected, |last| last.pose);
+        let mut best: Option<Found> = None;
+        for (speed, reach, shutter) in self.tries(before, reach, shutter_of(&shutters)) {
+            let sight = Sight { tracker: self, images, looks, before: from, shutter };
+            let found = self.seen_from(&sight, between(&from, &expected, speed, self.centre()), reach);
+            if found.is_known {
+                let shutters = sight.judged(&shutters, &found.pose);
+                let sight = Sight { shutter: shutter_of(&shutters), ..sight };
+                let found = self.settled(&sight, found.pose);
+                let looks = sight.looks_after(&found.tracks, &found.pose);
+                return (Found { shutters, ..found }, looks);
+            }
+            if best.as_ref().is_none_or(|best| found.used > best.used) {
+                best = Some(Found { pose: expected, shutters, ..found });
+            }
+        }
+        (best.unwrap_or_else(|| self.first_frame()), looks.clone())
+    }
+
+    /// What is tried on a frame, in order: speed of that before, reach \[px\], shutter. A head that stays lost is searched as
+    /// expected only: the other tries cost ten times as much.
+    fn tries(&self, before: &[Found], reach: f64, shutter: f64) -> Vec<(f64, f64, f64)> {
+        let further = (2.0 * reach).min(4.0 * self.settings.search_px);
+        let mut tries = vec![(1.0, reach, shutter), (1.0, further, shutter)];
+        if before.iter().rev().take(2).all(|found| found.is_known) {
+            let speeds =
+                [shutter, 0.4, 0.8, 0.0].into_iter().flat_map(|open| [1.0, 2.0, 3.0].map(|speed| (speed, open)));
+            tries.extend(speeds.skip(1).map(|(speed, open)| (speed, further, open)));
+        }
+        tries
+    }
+
+    /// Search where the pose is expected, agree, fit, search again where the pose now says.
+    fn seen_from(&self, sight: &Sight, expected: RigidTransform, reach: f64) -> Found {
+        let tracks = sight.search(&expected, reach);
         let start = consensus(&self.model, &self.triangulated(&tracks), 4.0).unwrap_or(expected);
         let once = self.fit(&tracks, start);
         // Second look, close to the pose found: wrong finds are dropped and lost markers come back.
-        let tracks = self.search(images, looks, &once, 0.5 * self.settings.marker_radius_px);
-        let pose = self.fit(&tracks, once);
-        let tracks = self.agreeing(tracks, &pose);
-        self.posed_by_fit(tracks, pose, expected)
+        let measured = sight.search(&once, 0.5 * self.settings.marker_radius_px);
+        let pose = self.fit(&measured, once);
+        self.posed_by_fit(self.agreeing(measured, &pose), pose, expected)
+    }
+
+    /// What is seen of the markers at a pose that is known, and the pose fitted to that.
+    fn settled(&self, sight: &Sight, start: RigidTransform) -> Found {
+        let measured = sight.search(&start, 0.5 * self.settings.marker_radius_px);
+        let seen = sight.seen(&measured, &start);
+        let pose = self.fit_weighted(|view, m| seen[view][m], start);
+        let tracks = sight.settled(&seen, &pose);
+        let markers = self.triangulated(&tracks);
+        self.found(tracks, markers, Some(pose), pose)
     }
 
     /// Robust mode: the pose fitted to all points of a frame.
@@ -198,25 +237,26 @@ impl<'a> Tracker<'a> {
         self.model.iter().zip(markers).filter(|(a, b)| a.is_some() && b.is_some()).count()
     }
 
-    pub fn search(&self, images: &[Arc<RgbImage>], looks: &Looks, pose: &RigidTransform, reach: f64) -> Points {
-        let find = |view: usize, m: usize| {
-            let expected = self.expected_point(view, m, pose)?;
-            by_look(&images[view], looks[view][m].as_ref()?, expected, reach, self.settings.accept)
-        };
-        (0..images.len()).into_par_iter().map(|view| (0..self.model.len()).map(|m| find(view, m)).collect()).collect()
-    }
-
     /// Where a marker's image is expected at a pose.
     pub fn expected_point(&self, view: usize, m: usize, pose: &RigidTransform) -> Option<DVec2> {
-        Some(project(&self.input.rig.cameras[view], pose.point(self.model[m]?))? + self.offset[view][m])
+        project(&self.input.rig.cameras[view], pose.point(self.model[m]?))
     }
 
     pub fn fit(&self, tracks: &Points, start: RigidTransform) -> RigidTransform {
+        self.fit_weighted(|view, m| Some((tracks[view][m]?, 1.0)), start)
+    }
+
+    /// The pose that fits points by their weights.
+    fn fit_weighted(
+        &self,
+        weighted: impl Fn(usize, usize) -> Option<(DVec2, f64)>,
+        start: RigidTransform,
+    ) -> RigidTransform {
         let mut seen = Vec::new();
-        for (view, points) in tracks.iter().enumerate() {
-            for (marker, point) in points.iter().enumerate() {
-                if let Some(point) = point {
-                    seen.push(Seen { view, marker, point: *point - self.offset[view][marker], weight: 1.0 });
+        for view in 0..self.input.rig.view_count() {
+            for marker in 0..self.model.len() {
+                if let Some((point, weight)) = weighted(view, marker) {
+                    seen.push(Seen { view, marker, point, weight });
                 }
             }
         }
@@ -254,7 +294,7 @@ impl<'a> Tracker<'a> {
         }
         let rms_px = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
         let used = self.in_common(&markers) as u32;
-        Found { pose: place, is_known: pose.is_some(), tracks, markers, used, rms_px }
+        Found { pose: place, is_known: pose.is_some(), tracks, markers, used, rms_px, shutters: Shutters::default() }
     }
 
     pub fn report_lost(&self, frame: usize, found: &Found, report: &mut Report) {
@@ -280,7 +320,7 @@ pub(super) fn learnt(image: &RgbImage, label: DVec2, radius_px: f64) -> (DVec2, 
         return (label, None);
     }
     let score = blob.score(image, centre);
-    if score > 0.2 { (centre, Some(Look { blob, score })) } else { (label, None) }
+    if score > 0.2 { (centre, Some(Look { blob, score, is_lent: false })) } else { (label, None) }
 }
 
 /// The next pose at constant velocity.
