@@ -28,15 +28,15 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<(), Failed> {
         );
     }
     print(&scores.text())?;
-    if let Some(file) = &args.plot {
-        let Some(longest) = longest else {
-            return Err(Failed::input("there is no sketched strand to plot", "give --sketches, or --sketch-truth N"));
-        };
-        write_atomic(file, longest.svg().as_bytes())?;
+    if let Some(file) = &args.json {
+        let text = serde_json::to_string_pretty(&scores).map_err(std::io::Error::other)?;
+        write_atomic(file, (text + "\n").as_bytes())?;
     }
-    let Some(file) = &args.json else { return Ok(()) };
-    let text = serde_json::to_string_pretty(&scores).map_err(std::io::Error::other)?;
-    Ok(write_atomic(file, (text + "\n").as_bytes())?)
+    let Some(file) = &args.plot else { return Ok(()) };
+    let Some(longest) = longest else {
+        return Err(Failed::input("no stage has a drawn strand to plot", "run the stages `smooth`, `fit` or `blend`"));
+    };
+    Ok(write_atomic(file, longest.svg().as_bytes())?)
 }
 
 fn measure(args: &EvaluateArgs, take: &Take) -> Result<(Scores, Option<LengthsOverTime>), Failed> {

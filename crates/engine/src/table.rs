@@ -84,7 +84,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "masks",
         summary: "subject and hair masks",
-        version: 6,
+        version: 7,
         has_modes: true,
         settings: settings_of!(masks),
         phases: &[phase!("masks/masks", ViewFrameChained, Lead, rooms::masks)],

@@ -1,6 +1,6 @@
 //! Scores of the head: pose, markers, scalp.
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Rig, RigidTransform, TriMesh};
 use strandflow_geometry::mesh_distance::MeshDistance;
@@ -41,17 +41,6 @@ pub fn evaluate_pose(frames: &[u32], world_from_head: &[RigidTransform], truth: 
         scores.mm.push(mm);
     }
     scores
-}
-
-/// Distances \[px\] of tracked image points to the true projections of visible markers, per frame number.
-///
-/// `tracks`: shape (T, views, M), the markers in the truth's order; a marker counts where its visible share is at least one
-/// half.
-pub fn marker_track_error(frames: &[u32], tracks: &[Vec<Vec<Option<DVec2>>>], truth: &Truth) -> Summary {
-    let pairs = frames.iter().zip(tracks).filter_map(|(f, t)| Some((t, truth.marker_views.get(*f as usize)?)));
-    let per_view = pairs.flat_map(|(found, expected)| found.iter().zip(expected));
-    let per_marker = per_view.flat_map(|(found, expected)| found.iter().zip(expected));
-    Summary::of(per_marker.filter(|(_, e)| e.1 >= 0.5).filter_map(|(f, e)| f.map(|f| f.distance(e.0))))
 }
 
 /// Distances \[px\] of projected triangulated markers (shape (T, M), the truth's order) to their true projections.

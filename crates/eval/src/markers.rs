@@ -90,7 +90,8 @@ fn discs(truth: &Truth, frame: u32, camera: &Camera, points: &[(DVec2, f32)]) ->
     let Some(pose) = truth.world_from_head.get(frame as usize) else { return Vec::new() };
     let disc = |(world, &(at, _)): (&glam::DVec3, &(DVec2, f32))| {
         let depth = camera.camera_from_world.point(pose.point(*world)).z;
-        Disc { at, radius: truth.marker_radius * camera.focal[0] / depth, depth }
+        let radius = if depth > 0.0 { truth.marker_radius * camera.focal[0] / depth } else { 0.0 };
+        Disc { at, radius, depth }
     };
     truth.markers.iter().zip(points).map(disc).collect()
 }
@@ -107,7 +108,7 @@ fn left_by_nearer(discs: &[Disc], m: usize) -> f64 {
 /// Area that two discs have in common.
 fn common_area(a: &Disc, b: &Disc) -> f64 {
     let (d, r, s) = (a.at.distance(b.at), a.radius, b.radius);
-    if d >= r + s {
+    if d.is_nan() || d >= r + s {
         return 0.0;
     }
     if d <= (r - s).abs() {

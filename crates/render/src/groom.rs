@@ -115,7 +115,7 @@ fn starts(sizes: impl Iterator<Item = usize>) -> Vec<usize> {
 }
 
 /// The parts of a slice that begin at `starts`.
-pub(crate) fn slices<'a, T>(mut rest: &'a mut [T], starts: &[usize]) -> Vec<&'a mut [T]> {
+fn slices<'a, T>(mut rest: &'a mut [T], starts: &[usize]) -> Vec<&'a mut [T]> {
     let mut out = Vec::with_capacity(starts.len());
     for pair in starts.windows(2) {
         let (part, after) = rest.split_at_mut(pair[1] - pair[0]);

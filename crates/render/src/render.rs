@@ -25,7 +25,7 @@ pub const MAX_SIDE: usize = 16_384;
 /// Most hairs a strand.
 pub const MAX_DENSITY: usize = 500;
 
-/// Most points of all hairs: about 3 GB.
+/// Most points of all hairs: about 2 GB, and what is drawn of them.
 pub const MAX_POINTS: usize = 40_000_000;
 
 /// Hairs of a human head (Robbins 2012: 80,000 to 150,000).

@@ -99,7 +99,9 @@ impl Shadow {
                     }
                 }
                 // Cells lie all over the memory: in a loop that does nothing else many are waited for together.
-                of_strand.iter().for_each(|&(cell, count)| counts[cell as usize] += count);
+                of_strand
+                    .iter()
+                    .for_each(|&(cell, count)| counts[cell as usize] = counts[cell as usize].saturating_add(count));
             }
             counts
         });

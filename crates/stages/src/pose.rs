@@ -50,10 +50,10 @@ pub struct HeadPoses {
     pub world_from_head: Vec<RigidTransform>,
     /// Marker positions \[mm\], shape (T, M); `None` where not triangulated.
     pub markers: Vec<Vec<Option<DVec3>>>,
-    /// Marker image points \[px\], shape (T, views, M); `None` where lost or occluded. In robust mode, of a marker that is
-    /// hidden in part, where the pose puts it.
+    /// Marker image points \[px\], shape (T, views, M); `None` where lost or occluded. In robust mode at most half way
+    /// from where the pose puts them to where they were measured; of a marker that is hidden in part, less.
     pub tracks: Vec<Vec<Vec<Option<DVec2>>>>,
-    /// Root mean square reprojection error of the markers used \[px\], per frame.
+    /// Root mean square distance of the measured markers to where the pose puts them \[px\], per frame.
     pub rms_px: Vec<f64>,
     /// Markers that the pose of each frame rests on.
     pub used: Vec<u32>,
@@ -71,7 +71,7 @@ pub struct PoseSettings {
     pub marker_radius_px: f64,
     /// How far from its prediction a marker is searched \[px\].
     pub search_px: f64,
-    /// Share of its first score a marker must reach to be taken.
+    /// Share of its own score that a marker must reach to be found in a search; where the pose is known a fifth is enough.
     pub accept: f64,
     /// Largest reprojection error of an observation that agrees \[px\].
     pub inlier_px: f64,
@@ -121,8 +121,9 @@ impl PoseSettings {
 ///
 /// Robust mode searches every marker by its look where the pose, continued at constant velocity, expects it, and fits the
 /// pose to all image points at once. Looks follow light and shading, and are smeared along the way of the marker as the
-/// shutter does it; a marker that was hidden is found again where the pose puts it. Deviation: the paper follows markers by flow and uses eq. 1 alone, as paper mode
-/// does; a marker lost there stays lost until a correction finds it again.
+/// shutter does it; a marker that was hidden is found again where the pose puts it.
+/// *Deviation*: the paper follows markers by flow and uses eq. 1 alone, as paper mode does; a marker lost there stays lost
+/// until a correction finds it again (measured: `docs/results.md`, "Markers").
 ///
 /// From each correction tracks are followed forward to the next one and backward to the one before; between two, every frame
 /// has those that see more of the markers, and where both see as much those of the nearer one.

@@ -19,15 +19,15 @@ pub struct EvaluateArgs {
     #[arg(long, value_name = "FILE")]
     pub strands: Option<PathBuf>,
     /// Compare with strands that were drawn over two or more views: `user/sketches/000012.json` of the take, one file a frame.
-    #[arg(long, conflicts_with = "strands")]
+    #[arg(long, conflicts_with = "strands", group = "drawn")]
     pub sketches: bool,
     /// Compare with N true strands as a person would draw them: those of all lengths that three views show, in up to ten
     /// frames, with a pixel of hand noise. Writes no sketches; scores nothing else against the truth.
-    #[arg(long, value_name = "N", requires = "truth", conflicts_with_all = ["sketches", "strands"],
+    #[arg(long, value_name = "N", group = "drawn", requires = "truth", conflicts_with_all = ["sketches", "strands"],
           value_parser = clap::value_parser!(u16).range(1..))]
     pub sketch_truth: Option<u16>,
-    /// Also draw the length over time of the longest sketched strand, by stage.
-    #[arg(long, value_name = "FILE.svg")]
+    /// Also draw the length over time of the longest drawn strand, by stage.
+    #[arg(long, value_name = "FILE.svg", requires = "drawn")]
     pub plot: Option<PathBuf>,
     /// Also write everything as JSON.
     #[arg(long, value_name = "FILE")]

@@ -56,7 +56,8 @@ fn true_strands_are_drawn_and_compared(capture: &Path, take: &Path) {
     let svg = std::fs::read_to_string(&plot).unwrap();
     assert!(svg.starts_with("<svg xmlns=") && ["truth", "smooth", "blend"].iter().all(|name| svg.contains(name)));
     let alone = strandflow(&["evaluate", text(take), "--plot", text(&plot)]);
-    assert_bad_input(&alone, &["no sketched strand to plot"]);
+    assert_eq!(alone.status.code(), Some(2));
+    assert!(stderr(&alone).contains("--sketches"), "a plot asks for drawings: {}", stderr(&alone));
 }
 
 #[test]

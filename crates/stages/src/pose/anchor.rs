@@ -7,7 +7,7 @@ use strandflow_core::{Place, Report, RgbImage};
 
 use super::{
     MarkerLabel,
-    sight::{Sight, shutter_of},
+    sight::{Shutters, Sight, shutter_of},
     solve::eq1,
     tracker::{Found, Looks, Points, Tracker, expected, learnt},
 };
@@ -100,14 +100,14 @@ fn by_look(tracker: &Tracker, images: &[Arc<RgbImage>], looks: &Looks, labelled:
     let fixed = if tracker.in_common(&known) >= 3 { eq1(&tracker.model, &known) } else { None };
     let start = fixed.unwrap_or_else(|| tracker.by_look(images, looks, before, tracker.reach(before, 0)).0.pose);
     let from = before.last().filter(|found| found.is_known).map_or(start, |found| found.pose);
-    let shutter = before.last().map_or(0.0, |found| shutter_of(&found.shutters));
-    let sight = Sight { tracker, images, looks, before: from, shutter };
+    let shutters = before.last().map_or_else(Shutters::default, |found| found.shutters);
+    let sight = Sight { tracker, images, looks, before: from, shutter: shutter_of(&shutters) };
     // Around a pose that rests on labels, markers are at most a radius off; further away are others.
     let once = tracker.fit(&over(sight.search(&start, settings.marker_radius_px), labelled), start);
     let tracks = over(sight.search(&once, 0.5 * settings.marker_radius_px), labelled);
     let pose = tracker.fit(&tracks, once);
     let tracks = over(tracker.agreeing(tracks, &pose), labelled);
-    tracker.posed_by_fit(tracks, pose, expected)
+    Found { shutters, ..tracker.posed_by_fit(tracks, pose, expected) }
 }
 
 /// Points with labelled ones in their place.

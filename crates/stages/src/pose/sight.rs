@@ -109,8 +109,10 @@ impl Sight<'_> {
     /// Image point at a pose, and the way to it from that of the frame before \[px\].
     fn expected(&self, view: usize, m: usize, pose: &RigidTransform) -> Option<(DVec2, DVec2)> {
         let now = self.tracker.expected_point(view, m, pose)?;
-        let way = self.tracker.expected_point(view, m, &self.before).map_or(DVec2::ZERO, |before| now - before);
-        Some((now, way))
+        // A head that stays lost flies on, through cameras too: a way longer than the image is none.
+        let most = (self.images[view].width + self.images[view].height) as f64;
+        let way = self.tracker.expected_point(view, m, &self.before).map(|before| now - before);
+        Some((now, way.filter(|way| way.length() < most).unwrap_or(DVec2::ZERO)))
     }
 
     /// How much of a marker is seen at a point, of its own score; by the look of it in this view or in others, because hair
@@ -124,7 +126,7 @@ impl Sight<'_> {
         own.filter_map(|v| self.looks[v][m]).map(of).fold(0.0, f64::max)
     }
 
-    /// Of markers whose centres are within a radius in a view, the one nearest to the camera stays.
+    /// Of markers whose centres are within [`COVERS`] radii in a view, the one nearest to the camera stays.
     fn keep_nearest(&self, view: usize, seen: &mut [Option<(DVec2, f64)>], pose: &RigidTransform) {
         let camera = &self.tracker.input.rig.cameras[view];
         let depth =

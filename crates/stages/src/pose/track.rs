@@ -9,7 +9,7 @@ use strandflow_image::{
     region::Region,
 };
 
-/// A marker's look in one view, from the first frame.
+/// A marker's look in one view by now.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Look {
     pub blob: Blob,

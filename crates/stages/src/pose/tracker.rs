@@ -10,7 +10,7 @@ use strandflow_image::blob::Blob;
 
 use super::{
     PoseInput, PoseSettings,
-    sight::{Shutters, Sight, shutter_of},
+    sight::{SeenMarkers, Shutters, Sight, shutter_of},
     solve::{Seen, between, consensus, eq1, refine},
     track::{Look, by_flow},
 };
@@ -134,8 +134,16 @@ impl<'a> Tracker<'a> {
     pub fn first_frame_settled(&self, images: &[Arc<RgbImage>]) -> Found {
         let still = RigidTransform::IDENTITY;
         let sight = Sight { tracker: self, images, looks: &self.looks, before: still, shutter: 0.0 };
-        let tracks = sight.settled(&sight.seen(&self.first, &still), &still);
-        self.found(tracks, self.model.clone(), Some(still), still)
+        let seen = sight.seen(&self.first, &still);
+        let mut tracks = sight.settled(&seen, &still);
+        // A label whose marker looks like nothing cannot be confirmed; it stays as it is.
+        for (view, points) in tracks.iter_mut().enumerate() {
+            for (m, point) in points.iter_mut().enumerate().filter(|(m, _)| self.looks[view][*m].is_none()) {
+                *point = self.first[view][m];
+            }
+        }
+        let rms_px = self.reprojection_px(&measured_of(&seen), &still);
+        Found { rms_px, ..self.found(tracks, self.model.clone(), Some(still), still) }
     }
 
     /// Where the markers of the frame before went.
@@ -168,15 +176,18 @@ impl<'a> Tracker<'a> {
     pub fn by_look(&self, images: &[Arc<RgbImage>], looks: &Looks, before: &[Found], reach: f64) -> (Found, Looks) {
         let expected = expected(before);
         let shutters = before.last().map_or_else(Shutters::default, |last| last.shutters);
-        let from = before.last().map_or(expected, |last| last.pose);
+        // Of a frame that was lost there is only a guess: no way can be told from it.
+        let last = before.last().filter(|last| last.is_known);
+        let from = last.map_or(expected, |last| last.pose);
         let mut best: Option<Found> = None;
         for (speed, reach, shutter) in self.tries(before, reach, shutter_of(&shutters)) {
             let sight = Sight { tracker: self, images, looks, before: from, shutter };
             let found = self.seen_from(&sight, between(&from, &expected, speed, self.centre()), reach);
             if found.is_known {
-                let shutters = sight.judged(&shutters, &found.pose);
-                let sight = Sight { shutter: shutter_of(&shutters), ..sight };
-                let found = self.settled(&sight, found.pose);
+                let shutters = if last.is_some() { sight.judged(&shutters, &found.pose) } else { shutters };
+                let before = last.map_or(found.pose, |last| last.pose);
+                let sight = Sight { before, shutter: shutter_of(&shutters), ..sight };
+                let found = self.settled(&sight, found);
                 let looks = sight.looks_after(&found.tracks, &found.pose);
                 return (Found { shutters, ..found }, looks);
             }
@@ -184,7 +195,8 @@ impl<'a> Tracker<'a> {
                 best = Some(Found { pose: expected, shutters, ..found });
             }
         }
-        (best.unwrap_or_else(|| self.first_frame()), looks.clone())
+        let nothing = || self.found(vec![vec![None; self.model.len()]; images.len()], Vec::new(), None, expected);
+        (best.unwrap_or_else(nothing), looks.clone())
     }
 
     /// What is tried on a frame, in order: speed of that before, reach \[px\], shutter. A head that stays lost is searched as
@@ -193,8 +205,9 @@ impl<'a> Tracker<'a> {
         let further = (2.0 * reach).min(4.0 * self.settings.search_px);
         let mut tries = vec![(1.0, reach, shutter), (1.0, further, shutter)];
         if before.iter().rev().take(2).all(|found| found.is_known) {
+            let others = [0.4, 0.8, 0.0].into_iter().filter(|open| *open != shutter);
             let speeds =
-                [shutter, 0.4, 0.8, 0.0].into_iter().flat_map(|open| [1.0, 2.0, 3.0].map(|speed| (speed, open)));
+                std::iter::once(shutter).chain(others).flat_map(|open| [1.0, 2.0, 3.0].map(|speed| (speed, open)));
             tries.extend(speeds.skip(1).map(|(speed, open)| (speed, further, open)));
         }
         tries
@@ -211,14 +224,19 @@ impl<'a> Tracker<'a> {
         self.posed_by_fit(self.agreeing(measured, &pose), pose, expected)
     }
 
-    /// What is seen of the markers at a pose that is known, and the pose fitted to that.
-    fn settled(&self, sight: &Sight, start: RigidTransform) -> Found {
-        let measured = sight.search(&start, 0.5 * self.settings.marker_radius_px);
-        let seen = sight.seen(&measured, &start);
-        let pose = self.fit_weighted(|view, m| seen[view][m], start);
+    /// What is seen of the markers at a pose that is known, and the pose fitted to that; the frame as it was found where too
+    /// few are.
+    fn settled(&self, sight: &Sight, found: Found) -> Found {
+        let measured = sight.search(&found.pose, 0.5 * self.settings.marker_radius_px);
+        let seen = sight.seen(&measured, &found.pose);
+        let pose = self.fit_weighted(|view, m| seen[view][m], found.pose);
         let tracks = sight.settled(&seen, &pose);
         let markers = self.triangulated(&tracks);
-        self.found(tracks, markers, Some(pose), pose)
+        if !self.is_enough(&markers) {
+            return found;
+        }
+        let rms_px = self.reprojection_px(&measured_of(&seen), &pose);
+        Found { rms_px, ..self.found(tracks, markers, Some(pose), pose) }
     }
 
     /// Robust mode: the pose fitted to all points of a frame.
@@ -284,17 +302,22 @@ impl<'a> Tracker<'a> {
         expected: RigidTransform,
     ) -> Found {
         let place = pose.unwrap_or(expected);
+        let rms_px = self.reprojection_px(&tracks, &place);
+        let used = self.in_common(&markers) as u32;
+        Found { pose: place, is_known: pose.is_some(), tracks, markers, used, rms_px, shutters: Shutters::default() }
+    }
+
+    /// Root mean square distance of points to where a pose puts their markers \[px\].
+    fn reprojection_px(&self, points: &Points, pose: &RigidTransform) -> f64 {
         let mut squares = Vec::new();
-        for (view, points) in tracks.iter().enumerate() {
+        for (view, points) in points.iter().enumerate() {
             for (m, point) in points.iter().enumerate() {
-                if let (Some(p), Some(e)) = (point, self.expected_point(view, m, &place)) {
+                if let (Some(p), Some(e)) = (point, self.expected_point(view, m, pose)) {
                     squares.push(e.distance_squared(*p));
                 }
             }
         }
-        let rms_px = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
-        let used = self.in_common(&markers) as u32;
-        Found { pose: place, is_known: pose.is_some(), tracks, markers, used, rms_px, shutters: Shutters::default() }
+        (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
     }
 
     pub fn report_lost(&self, frame: usize, found: &Found, report: &mut Report) {
@@ -309,6 +332,12 @@ impl<'a> Tracker<'a> {
         let known: Vec<DVec3> = self.model.iter().flatten().copied().collect();
         known.iter().sum::<DVec3>() / known.len().max(1) as f64
     }
+}
+
+/// The points that were measured, not only expected.
+fn measured_of(seen: &SeenMarkers) -> Points {
+    let measured = |point: &Option<(DVec2, f64)>| point.filter(|(_, trust)| *trust > 0.0).map(|(point, _)| point);
+    seen.iter().map(|view| view.iter().map(measured).collect()).collect()
 }
 
 /// The centre of a labelled marker, which is measured (the label is where to look), and its look; where nothing there looks
