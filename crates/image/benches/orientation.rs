@@ -1,5 +1,5 @@
 //! What stage `orient` is made of, on the hair's box of one view (320×320 pixels): blurs, the filter bank, pooling along lines.
-//! Throughput counts floating-point operations, so that it reads as Gflop/s of one core.
+//! Throughput counts floating-point operations, so that it reads as Gflop/s of one core; of blurs by blocks it counts pixels.
 #![allow(missing_docs)]
 
 use std::hint::black_box;
@@ -26,16 +26,25 @@ fn texture() -> Plane<f32> {
 }
 
 fn blurs(bench: &mut Criterion) {
-    let (plane, mut group) = (texture(), bench.benchmark_group("gaussian"));
-    for sigma in [2.0f32, 8.0, 24.0] {
+    let plane = texture();
+    let mut by_taps = bench.benchmark_group("gaussian by taps, flops");
+    for sigma in [2.0f32, 6.0] {
         // Two passes; two additions and a product for each pair of taps, a product for the centre.
-        group.throughput(Throughput::Elements(2 * PIXELS * (3 * reach(sigma) + 1)));
-        group.bench_function(format!("sigma {sigma}"), |b| b.iter(|| gaussian(black_box(&plane), sigma)));
+        by_taps.throughput(Throughput::Elements(2 * PIXELS * (3 * reach(sigma) + 1)));
+        by_taps.bench_function(format!("sigma {sigma}"), |b| b.iter(|| gaussian(black_box(&plane), sigma)));
     }
+    by_taps.finish();
+    // Few operations a pixel, most of them to fetch it: pixels are counted.
+    let mut by_blocks = bench.benchmark_group("gaussian by blocks, pixels");
+    for sigma in [8.0f32, 24.0] {
+        by_blocks.throughput(Throughput::Elements(PIXELS));
+        by_blocks.bench_function(format!("sigma {sigma}"), |b| b.iter(|| gaussian(black_box(&plane), sigma)));
+    }
+    by_blocks.finish();
 }
 
 fn bank(bench: &mut Criterion) {
-    let (plane, mut group) = (texture(), bench.benchmark_group("filter bank"));
+    let (plane, mut group) = (texture(), bench.benchmark_group("filter bank, flops"));
     let (wavelength, sigma, orientations) = (6.5f32, 3.25f32, 12);
     // Of each of seven mirrored orientations: two row and four column passes, and 22 operations of energies.
     let passes = 6 * (3 * reach(sigma) + 1) + 22;
@@ -50,7 +59,7 @@ fn pooling(bench: &mut Criterion) {
     let mut energy = OrientationEnergy::zero(SIZE, SIZE);
     add_energy(&texture(), (6.5, 3.25), 12, 1.0, &mut energy);
     let inside = Plane::filled(SIZE, SIZE, true);
-    let mut group = bench.benchmark_group("along lines");
+    let mut group = bench.benchmark_group("along lines, flops");
     // Ten steps to either side of 20 operations each.
     group.throughput(Throughput::Elements(PIXELS * 20 * 20));
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
