@@ -23,7 +23,7 @@ pub struct EvaluateArgs {
     pub sketches: bool,
     /// Compare with N true strands as a person would draw them: those of all lengths that three views show, in up to ten
     /// frames, with a pixel of hand noise. Writes no sketches; scores nothing else against the truth.
-    #[arg(long, value_name = "N", group = "drawn", requires = "truth", conflicts_with_all = ["sketches", "strands"],
+    #[arg(long, value_name = "N", group = "drawn", requires = "truth", conflicts_with = "strands",
           value_parser = clap::value_parser!(u16).range(1..))]
     pub sketch_truth: Option<u16>,
     /// Also draw the length over time of the longest drawn strand, by stage.
