@@ -132,7 +132,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "field",
         summary: "the dense line field",
-        version: 4,
+        version: 5,
         has_modes: true,
         settings: settings_of!(field),
         phases: &[

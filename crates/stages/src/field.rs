@@ -159,7 +159,8 @@ pub fn field(
         line.map_or(Constraint::default(), |line| Constraint::on(Tensor::of_line(line.direction), weight(line)))
     };
     let constraints: Vec<Constraint<Tensor>> = observed.iter().map(constraint).collect();
-    let tensors = diffuse(&grid, &indices, &constraints, &solver(mode, settings, grid.voxel_mm));
+    let even = vec![(); indices.len()];
+    let tensors = diffuse(&grid, &indices, &constraints, &even, &solver(mode, settings, grid.voxel_mm));
     let values = tensors.par_iter().zip(&observed).map(|(tensor, line)| voxel(tensor, line.is_some())).collect();
     Ok(SparseVoxels { grid, indices, values })
 }

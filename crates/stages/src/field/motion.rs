@@ -5,10 +5,15 @@
 //! gradient across the strand. Along a strand hair looks the same a little further on, so nothing is asked there. The
 //! equations of all views meet in the voxels they show and are diffused through the volume as vectors with matrix weights,
 //! which is the window they are pooled in; then images are compared anew, from blurred to sharp. Everything is relative to
-//! the head's motion, so that what nobody saw moves with the head.
+//! the head's motion, so that what nobody saw moves with the head. Hair does not stretch: what it does along itself comes
+//! from its roots.
 //!
 //! Images are normalised by the mean and deviation of the hair around each pixel first: highlights and shading stay
 //! where light and head are while hair moves through them, and pull plain flow towards no motion.
+//!
+//! Much of what is seen of hair in one frame is not there in the next, being under other hair. Gradients of a single frame
+//! count that as texture, and the motion comes out too small, by half on rendered hair; what both frames show of the
+//! gradient does not.
 //!
 //! Reference: Lucas & Kanade 1981; Vedula et al. 2005 (scene flow); Horn & Schunck 1981 (aperture).
 //! *Deviation*: Zhang et al. 2012 §4 grow every frame by itself, because correspondence of strands is not reliable where
@@ -25,7 +30,7 @@ use strandflow_image::{
     sample::bilinear,
 };
 use strandflow_volume::{
-    diffuse::{Constraint, Solver, diffuse},
+    diffuse::{Constraint, Inextensible, Solver, diffuse},
     tensor::Tensor,
     velocity::VoxelIndex,
     visibility::{DepthMap, surface_voxels},
@@ -59,7 +64,7 @@ pub struct MotionInput<'a> {
 }
 
 /// Blur of the images, coarse to fine \[px\].
-const SCALES: [f32; 3] = [4.0, 2.0, 1.0];
+const SCALES: [f32; 4] = [4.0, 2.0, 1.0, 1.0];
 /// Deviation of the window in which a view's equations are pooled \[px\]. Texture of hair says little in smaller ones.
 const WINDOW_PX: f32 = 24.0;
 /// Least deviation of the neighbourhood that brightness is normalised by \[px\].
@@ -70,8 +75,14 @@ const DARK: f32 = 2.0;
 const MISS_SCALE: f32 = 1.0;
 /// Weight of a pixel's pooled equations against the pull of one neighbouring voxel.
 const PIXEL_WEIGHT: f32 = 15.0;
-/// Weight of the head's motion at a root, against one neighbouring voxel.
-const ROOT_WEIGHT: f32 = 1.0;
+/// Least share of the texture that both frames have; less is a matter of chance.
+const LEAST_SHARED: f32 = 0.3;
+/// Weight of the head's motion across the hair at a root, against one neighbouring voxel. Hair may slide from its root on.
+const ROOT_WEIGHT: f32 = 0.1;
+/// The same along the hair.
+const ROOT_WEIGHT_ALONG: f32 = 30.0;
+/// How much stiffer hair is along itself than neighbouring voxels are tied to each other.
+const STIFFNESS: f32 = 50.0;
 
 /// The displacement \[mm\] of every voxel of the field from where its hair was in the frame before, world.
 pub fn motion(input: &MotionInput, settings: &FieldSettings) -> SparseVoxels<Vec3> {
@@ -80,6 +91,8 @@ pub fn motion(input: &MotionInput, settings: &FieldSettings) -> SparseVoxels<Vec
     let leak = (grid.voxel_mm / settings.motion_fade_mm).powi(2) as f32;
     let solver = Solver { levels: settings.levels, sweeps: settings.sweeps, relaxation: 1.5, leak };
     let rooted = root_constraints(input);
+    let strands: Vec<Inextensible> =
+        input.field.values.iter().map(|voxel| Inextensible::along(voxel.direction, STIFFNESS)).collect();
     let views = View::all(input);
     // Hair is slow to follow the head: where the camera saw it a frame ago is the better start.
     let still = |&index: &u32| {
@@ -95,7 +108,7 @@ pub fn motion(input: &MotionInput, settings: &FieldSettings) -> SparseVoxels<Vec
             constraints[*rank as usize].weight += seen.weight * PIXEL_WEIGHT;
             constraints[*rank as usize].pull += seen.pull * PIXEL_WEIGHT;
         }
-        back = diffuse(&grid, &input.field.indices, &constraints, &solver);
+        back = diffuse(&grid, &input.field.indices, &constraints, &strands, &solver);
     }
     let displacement = |(&index, back): (&u32, Vec3)| {
         let point = grid.centre_of_index(index as usize);
@@ -105,7 +118,7 @@ pub fn motion(input: &MotionInput, settings: &FieldSettings) -> SparseVoxels<Vec
     SparseVoxels { grid, indices: input.field.indices.clone(), values }
 }
 
-/// At the roots hair moves with the head.
+/// At the roots hair moves with the head: surely along itself, where it does not stretch, less surely across.
 fn root_constraints(input: &MotionInput) -> Vec<Constraint<Vec3>> {
     let grid = input.field.grid;
     let mut rooted = Occupancy::empty(grid);
@@ -114,11 +127,16 @@ fn root_constraints(input: &MotionInput) -> Vec<Constraint<Vec3>> {
             rooted.set(grid.index(voxel), true);
         }
     }
-    let of = |&index: &u32| {
-        let weight = if rooted.get(index as usize) { ROOT_WEIGHT } else { 0.0 };
-        Constraint { pull: Vec3::ZERO, weight: Tensor([weight, weight, weight, 0.0, 0.0, 0.0]) }
+    let all = Tensor([ROOT_WEIGHT, ROOT_WEIGHT, ROOT_WEIGHT, 0.0, 0.0, 0.0]);
+    let of = |(&index, voxel): (&u32, &FieldVoxel)| {
+        let weight = if rooted.get(index as usize) {
+            all + Tensor::of_line(voxel.direction) * ROOT_WEIGHT_ALONG
+        } else {
+            Tensor::default()
+        };
+        Constraint { pull: Vec3::ZERO, weight }
     };
-    input.field.indices.iter().map(of).collect()
+    input.field.indices.iter().zip(&input.field.values).map(of).collect()
 }
 
 /// What a pixel says about the voxel that it shows: position of the voxel in the field, equations in u \[mm\].
@@ -204,7 +222,7 @@ impl<'a> View<'a> {
         expected: &[Option<(DVec3, DVec2)>],
     ) -> Pooled {
         let region = self.region;
-        let mut sums: [Plane<f32>; 5] = std::array::from_fn(|_| Plane::filled(region.width, region.height, 0.0));
+        let mut sums: [Plane<f32>; 6] = std::array::from_fn(|_| Plane::filled(region.width, region.height, 0.0));
         let mut used = Plane::filled(region.width, region.height, 0.0);
         for (shown, expected) in self.shown.iter().zip(expected) {
             let Some((_, pixel)) = expected else { continue };
@@ -214,13 +232,16 @@ impl<'a> View<'a> {
                 continue;
             }
             let (x, y) = (there.x as f32, there.y as f32);
-            let gradient_before = Vec2::new(bilinear(&before.gradient[0], x, y), bilinear(&before.gradient[1], x, y));
-            let gradient = 0.5 * (Vec2::new(now.gradient[0][here], now.gradient[1][here]) + gradient_before);
             let across = Vec2::from_angle(map.angle[(shown.x, shown.y)]).perp();
-            let (slope, miss) = (across * across.dot(gradient), bilinear(&before.image, x, y) - now.image[here]);
+            let slope_now = across.dot(Vec2::new(now.gradient[0][here], now.gradient[1][here]));
+            let slope_before =
+                across.dot(Vec2::new(bilinear(&before.gradient[0], x, y), bilinear(&before.gradient[1], x, y)));
+            let slope = across * (0.5 * (slope_now + slope_before));
+            let miss = bilinear(&before.image, x, y) - now.image[here];
             let robust = (1.0 + (miss / MISS_SCALE).powi(2)).powi(2).recip();
             let weight = robust * confidence * bilinear(&before.hair, x, y);
-            let values = [slope.x * slope.x, slope.x * slope.y, slope.y * slope.y, slope.x * miss, slope.y * miss];
+            let [xx, xy, yy] = [slope.x * slope.x, slope.x * slope.y, slope.y * slope.y];
+            let values = [xx, xy, yy, slope.x * miss, slope.y * miss, slope_now * slope_before];
             sums.iter_mut().zip(values).for_each(|(sum, value)| sum[here] = weight * value);
             used[here] = 1.0;
         }
@@ -246,15 +267,20 @@ fn lifted([jx, jy]: [Vec3; 2], [xx, xy, yy, x, y]: [f32; 5], so_far: Vec3) -> Co
     Constraint { pull: weight.apply(so_far) - jx * x - jy * y, weight }
 }
 
-/// Normal equations of the image motion, pooled in a Gaussian window: sums of gₓ², gₓgᵧ, gᵧ², gₓr, gᵧr.
+/// Normal equations of the image motion, pooled in a Gaussian window: sums of gₓ², gₓgᵧ, gᵧ², gₓr, gᵧr, and of the product
+/// of the slopes of both frames.
 struct Pooled {
-    sums: [Plane<f32>; 5],
+    sums: [Plane<f32>; 6],
     used: Plane<f32>,
 }
 
 impl Pooled {
+    /// The equations: gₓ², gₓgᵧ, gᵧ², and gₓr, gᵧr over the share of the texture that both frames have.
     fn at(&self, x: usize, y: usize) -> [f32; 5] {
-        self.sums.each_ref().map(|sum| sum[(x, y)] / self.used[(x, y)].max(1e-3))
+        let [xx, xy, yy, x_miss, y_miss, common] =
+            self.sums.each_ref().map(|sum| sum[(x, y)] / self.used[(x, y)].max(1e-3));
+        let shared = (common / (xx + yy).max(1e-9)).clamp(LEAST_SHARED, 1.0);
+        [xx, xy, yy, x_miss / shared, y_miss / shared]
     }
 }
 
