@@ -16,11 +16,11 @@ from pathlib import Path
 # What is varied: title, table and key of the specification, values; the middle of the road is that of BASE.
 CURVES = {
     "views": ("views", "rig", "views", [4, 5, 6, 7, 10, 13, 16]),
-    "noise": ("image noise, 8-bit levels", "noise", "image_sigma", [0.0, 2.5, 5.0, 10.0, 15.0]),
-    "blur": ("blur, px", "noise", "blur_px", [0.0, 0.45, 1.0, 1.5, 2.0, 3.0]),
+    "noise": ("image noise, 8-bit levels", "noise", "image_sigma", [0.0, 2.5, 5.0, 10.0]),
+    "blur": ("blur, px", "noise", "blur_px", [0.45, 1.0, 2.0, 3.0]),
     "mask": ("error of the given hair masks, px", "noise", "mask_px", [0.0, 1.0, 2.0, 3.0]),
-    "calibration": ("error of the calibration, px", "noise", "calibration_px", [0.0, 0.5, 1.0, 1.5, 2.0]),
-    "sync": ("views early or late by up to, ms", "noise", "sync_ms", [0.0, 1.0, 2.0, 3.5, 5.0]),
+    "calibration": ("error of the calibration, px", "noise", "calibration_px", [0.0, 0.5, 1.0, 2.0]),
+    "sync": ("views early or late by up to, ms", "noise", "sync_ms", [0.0, 1.0, 2.5, 5.0]),
 }
 BASE = {
     "rig": {"frames": 12, "views": 7, "width": 480, "height": 360},
@@ -59,11 +59,12 @@ def toml(spec):
 
 def point(program, folder, style, table, key, value):
     """The scores of one take, which is made and run where they are not there yet."""
-    file = folder / f"{style}-{key}-{value}.json"
+    spec = {t: dict(keys) for t, keys in BASE.items()}
+    spec["groom"] |= {"style": style} | STYLES[style]
+    is_base = value == BASE.get(table, {}).get(key, 0.0)
+    spec[table][key] = value
+    file = folder / (f"{style}.json" if is_base else f"{style}-{key}-{value}.json")
     if not file.is_file():
-        spec = {t: dict(keys) for t, keys in BASE.items()}
-        spec["groom"] |= {"style": style} | STYLES[style]
-        spec[table][key] = value
         (folder / "spec.toml").write_text(toml(spec))
         capture, take = folder / "capture", folder / "take"
         for old in (capture, take):

@@ -50,7 +50,8 @@ def projected_motion(camera, centres, motion, voxel_mm):
 
 
 def measure(capture, take, frames=None):
-    """Per method: mean end-point error, its part across the strand [px], CPU seconds a view; and pixels, mean motion."""
+    """Per method: mean end-point error, its part across the strand [px], share of the true motion across the strand that is
+    found, CPU seconds a view; and the pixels."""
     frames = frames or common.evenly(capture.frames[1:])
     errors, seconds, pixels = {}, {}, 0
     films = [capture.video(v, sorted({*frames, *(t - 1 for t in frames)})) for v in range(len(capture.cameras))]
@@ -74,14 +75,17 @@ def measure(capture, take, frames=None):
             used = stable & take.hair(t, v, camera)[seen.hair] & np.isfinite(flows[OURS][:, 0])
             angle = seen.angle[seen.hair][used]
             pixels += len(angle)
+            across = np.stack([-np.sin(angle), np.cos(angle)], -1)
+            true_across = (truth[used] * across).sum(-1)
             for name, flow in flows.items():
                 off = (flow - truth)[used]
-                across = np.abs(off[:, 1] * np.cos(angle) - off[:, 0] * np.sin(angle))
-                errors.setdefault(name, []).append((np.hypot(off[:, 0], off[:, 1]), across))
+                off_across = (off * across).sum(-1)
+                found = (true_across + off_across) * true_across
+                errors.setdefault(name, []).append((np.hypot(off[:, 0], off[:, 1]), np.abs(off_across), found, true_across**2))
     rows = {}
     for name, parts in errors.items():
-        end, across = (np.concatenate(p) for p in zip(*parts))
-        rows[name] = {"end": end.mean(), "half": np.median(end), "across": across.mean()}
+        end, across, found, true = (np.concatenate(p) for p in zip(*parts))
+        rows[name] = {"end": end.mean(), "half": np.median(end), "across": across.mean(), "share": found.sum() / true.sum()}
         rows[name]["seconds"] = np.mean(seconds[name]) if name in seconds else None
     return {"frames": frames, "pixels": pixels, "rows": rows}
 
@@ -94,11 +98,11 @@ def timed(seconds, name, method, *given):
 
 
 def table(found):
-    lines = ["| flow to the frame before | end-point error, mean, px | median | across the strand, px | seconds a view |"]
-    lines += ["|---|---:|---:|---:|---:|"]
+    lines = ["| flow to the frame before | end-point error, mean, px | median | across the strand, px | motion found across | seconds a view |"]
+    lines += ["|---|---:|---:|---:|---:|---:|"]
     for name, row in found["rows"].items():
         secs = "–" if row["seconds"] is None else f"{row['seconds']:.3f}"
-        lines.append(f"| {name} | {row['end']:.2f} | {row['half']:.2f} | {row['across']:.2f} | {secs} |")
+        lines.append(f"| {name} | {row['end']:.2f} | {row['half']:.2f} | {row['across']:.2f} | {100 * row['share']:.0f} % | {secs} |")
     return "\n".join(lines) + f"\n\n{found['pixels']} pixels of frames {', '.join(map(str, found['frames']))}.\n"
 
 
