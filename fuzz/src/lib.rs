@@ -37,13 +37,32 @@ unsafe impl GlobalAlloc for Bounded {
 #[global_allocator]
 static MEMORY: Bounded = Bounded;
 
-/// A folder of this process alone, in memory where the system has such a place.
+/// A folder of this process alone: where `STRANDFLOW_FUZZ_FOLDER` says, and who says it removes it; otherwise in memory, where
+/// the system has such a place. Folders of processes that are no more are removed.
 pub fn folder() -> PathBuf {
-    let shared = Path::new("/dev/shm");
-    let root = if shared.is_dir() { shared.to_owned() } else { std::env::temp_dir() };
-    let folder = root.join(format!("strandflow-fuzz-{}", std::process::id()));
+    let given = std::env::var_os("STRANDFLOW_FUZZ_FOLDER").map(PathBuf::from);
+    let folder = given.unwrap_or_else(|| {
+        let shared = Path::new("/dev/shm");
+        let root = if shared.is_dir() { shared.to_owned() } else { std::env::temp_dir() };
+        left_behind(&root).iter().for_each(|folder| drop(fs::remove_dir_all(folder)));
+        root.join(format!("{NAME}{}", std::process::id()))
+    });
     fs::create_dir_all(&folder).expect("a folder for the files that are read");
     folder
+}
+
+/// What the names of these folders begin with; the number of the process follows.
+const NAME: &str = "strandflow-fuzz-";
+
+/// Folders of processes that are no more, where the system tells which there are.
+fn left_behind(root: &Path) -> Vec<PathBuf> {
+    let processes = Path::new("/proc");
+    if !processes.join("self").exists() {
+        return Vec::new();
+    }
+    let of = |folder: &PathBuf| folder.file_name()?.to_str()?.strip_prefix(NAME)?.parse::<u32>().ok();
+    let entries = fs::read_dir(root).into_iter().flatten().flatten().map(|entry| entry.path());
+    entries.filter(|folder| of(folder).is_some_and(|process| !processes.join(process.to_string()).exists())).collect()
 }
 
 /// An error must say which file, and what to do.
@@ -132,4 +151,31 @@ pub fn seeds(make: impl FnOnce() -> Vec<Vec<u8>>) {
         fs::write(folder.join(format!("seed{n:03}")), bytes).expect("a seed");
     }
     std::process::exit(0);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_packed_folder_is_unpacked_and_names_that_lead_elsewhere_are_left_out() {
+        let packed = b"\n=8<= cameras.txt\n1 PINHOLE\n=8<= ../a\nx\n=8<= ..\ny\n=8<= b.bin\n\x00";
+        let files: Vec<(String, &[u8])> =
+            vec![("cameras.txt".into(), b"1 PINHOLE".as_slice()), ("b.bin".into(), b"\x00".as_slice())];
+        assert_eq!(unpack(packed), files);
+        assert!(folders().iter().all(|folder| !unpack(folder).is_empty()) && !folders().is_empty());
+    }
+
+    #[test]
+    fn folders_of_processes_that_are_no_more_are_told() {
+        if !Path::new("/proc/self").exists() {
+            return;
+        }
+        let root = std::env::temp_dir().join(format!("strandflow-fuzz-test-{}", std::process::id()));
+        let [ours, gone] = [std::process::id(), u32::MAX].map(|process| root.join(format!("{NAME}{process}")));
+        [&ours, &gone].iter().for_each(|folder| fs::create_dir_all(folder).expect("a folder"));
+        let found = left_behind(&root);
+        fs::remove_dir_all(&root).expect("the folder can be removed");
+        assert_eq!(found, [gone]);
+    }
 }

@@ -17,6 +17,9 @@ cargo xtask test     setup, then all tests; what could not be installed is skipp
 cargo xtask fuzz [--seconds N] [TARGET…]    builds the fuzz targets of the readers (needs a C++ compiler) and runs each for N seconds, 10 without";
 
 fn main() -> ExitCode {
+    if let Some(compiled) = fuzz::compile() {
+        return compiled;
+    }
     let task = std::env::args().nth(1).unwrap_or_default();
     let strict = std::env::var_os("CI").is_some();
     let done = match task.as_str() {
@@ -55,6 +58,12 @@ fn setup(strict: bool) -> Result<(), String> {
 
 fn ffmpeg() -> Result<(), String> {
     debian("ffmpeg", Command::new("ffmpeg").arg("-version"))
+}
+
+/// A C++ compiler, for libFuzzer.
+fn compiler() -> Result<(), String> {
+    let program = std::env::var_os("CXX").unwrap_or_else(|| "c++".into());
+    debian("g++", Command::new(program).arg("--version")).map_err(|fact| format!("a C++ compiler is needed: {fact}"))
 }
 
 /// Belongs to the system's interpreter; a virtual environment does not see it.
@@ -111,7 +120,12 @@ fn debian(package: &str, check: &mut Command) -> Result<(), String> {
         return Ok(());
     }
     run(Command::new("apt-get").args(["update", "-qq"]))?;
-    run(Command::new("apt-get").args(["install", "-y", "-qq", "--no-install-recommends", package]))
+    run(Command::new("apt-get").args(["install", "-y", "-qq", "--no-install-recommends", package]))?;
+    if check.output().is_ok_and(|o| o.status.success()) {
+        Ok(())
+    } else {
+        Err(format!("{package} was installed and does not run"))
+    }
 }
 
 fn readers() -> Result<(), String> {
@@ -146,6 +160,12 @@ fn cargo() -> Command {
 
 fn root() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+}
+
+/// Where cargo builds.
+fn target() -> PathBuf {
+    // A relative one is relative to the folder that cargo was called in, which is the root where the gate calls it.
+    root().join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
 }
 
 fn run(command: &mut Command) -> Result<(), String> {

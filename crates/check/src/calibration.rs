@@ -7,6 +7,7 @@ use crate::{
     Evidence, Finding, Outcome,
     labels::{Agreement, Label, Residual},
     repair::{Mend, best_mend},
+    turn::{Seen, Turn, sightings, turn_of},
 };
 
 /// Fewest markers a pose rests on, each in two views or more; `run` refuses fewer.
@@ -63,7 +64,7 @@ pub(crate) fn calibration(evidence: &mut Evidence) -> Outcome {
         (now, rig) = (mended.agreement, mended.rig);
     }
     let wrong = now.disagreeing(rig.view_count());
-    findings.extend(unexplained(evidence, &wrong, &now));
+    findings.extend(unexplained(evidence, &rig, &wrong, &now));
     findings.extend(of_labels(evidence, &rig, &labels, &now));
     findings.extend(on_a_line(&now.sure_points()));
     evidence.mended = rig;
@@ -118,7 +119,7 @@ fn px(value: f64) -> String {
 }
 
 /// Views that disagree and that no repair mends.
-fn unexplained(evidence: &Evidence, wrong: &[usize], now: &Agreement) -> Vec<Finding> {
+fn unexplained(evidence: &Evidence, rig: &Rig, wrong: &[usize], now: &Agreement) -> Vec<Finding> {
     let is_used = |view: &usize| !evidence.views[*view].held_out;
     let used = (0..evidence.views.len()).filter(is_used).count();
     if wrong.iter().filter(|view| is_used(view)).count() * 2 > used {
@@ -139,12 +140,21 @@ fn unexplained(evidence: &Evidence, wrong: &[usize], now: &Agreement) -> Vec<Fin
             "{:.0} % of its labels agree with the other views; they reproject to {}",
             100.0 * now.share_of(view),
             px(now.median_of(view).unwrap_or(f64::INFINITY))
-        );
+        ) + &turned(evidence, rig, view, now.tolerance);
         Finding::look("view-off", format!("view {}", evidence.name(view)), fact)
             .suffers("hull, lift: the view carves and triangulates beside the subject")
             .hint("was the camera touched after the calibration? Calibrate it again, hold it out, or leave it out; or its labels are wrong")
     };
     wrong.iter().map(one).collect()
+}
+
+/// What is said of a view that a turn lets agree.
+fn turned(evidence: &Evidence, rig: &Rig, view: usize, tolerance: f64) -> String {
+    let seen = |(marker, label): (usize, &Label)| Seen { marker, views: label.views.clone() };
+    let seen: Vec<Seen> = evidence.labels.iter().enumerate().map(seen).collect();
+    let sightings = sightings(rig, view, &seen, tolerance);
+    let turn = turn_of(&rig.cameras[view], &sightings, 2.0 * tolerance).filter(Turn::is_sure);
+    turn.map_or_else(String::new, |turn| format!("; {}", turn.in_words()))
 }
 
 /// Labels that disagree in views that agree: two that are exchanged, or one that was clicked wrong.

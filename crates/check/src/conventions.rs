@@ -4,7 +4,7 @@ use glam::{DMat3, DVec2, DVec3};
 use strandflow_core::{Camera, Mask, Rig, RigidTransform};
 use strandflow_geometry::{
     project::{depth, project},
-    triangulate::midpoint,
+    triangulate::{meeting_of_axes, midpoint},
 };
 
 use crate::{
@@ -21,7 +21,7 @@ fn head_of(evidence: &Evidence) -> Option<DVec3> {
 /// The check `aim`.
 pub(crate) fn aim(evidence: &mut Evidence) -> Outcome {
     let rig = &evidence.mended;
-    let Some(subject) = head_of(evidence).or_else(|| meeting_point(rig)) else {
+    let Some(subject) = head_of(evidence).or_else(|| meeting_of_axes(rig)) else {
         return Outcome::unjudged("no markers and no place where the cameras' axes meet");
     };
     let off: Vec<f64> = rig.cameras.iter().map(|camera| off_axis(camera, subject)).collect();
@@ -66,12 +66,6 @@ fn diagonal_view(camera: &Camera) -> f64 {
     2.0 * half.length().atan()
 }
 
-/// The place nearest to all optical axes \[mm\].
-fn meeting_point(rig: &Rig) -> Option<DVec3> {
-    let axes: Vec<_> = rig.cameras.iter().map(|c| (c, DVec2::from_array(c.principal))).collect();
-    midpoint(&axes)
-}
-
 /// Distance of a camera from the head that people have \[mm\].
 const DISTANCE_MM: std::ops::RangeInclusive<f64> = 200.0..=20_000.0;
 /// Largest distance between two markers on a head \[mm\]: a head is 150 to 250 mm long.
@@ -90,7 +84,7 @@ pub(crate) fn units(evidence: &mut Evidence) -> Outcome {
     let points = Agreement::of(&evidence.mended, &evidence.labels, evidence.label_tolerance()).sure_points();
     let pairs = points.iter().enumerate().flat_map(|(i, a)| points[..i].iter().map(|b| a.distance(*b)));
     let spread = pairs.fold(0.0, f64::max);
-    let subject = if points.is_empty() { meeting_point(&evidence.mended) } else { Some(mean(&points)) };
+    let subject = if points.is_empty() { meeting_of_axes(&evidence.mended) } else { Some(mean(&points)) };
     let distances =
         |subject: DVec3| median(evidence.mended.cameras.iter().map(|c| c.centre_in_world().distance(subject)));
     let Some(distance) = subject.and_then(distances) else { return Outcome::unjudged("there are no distances") };
@@ -268,7 +262,7 @@ mod tests {
         let behind = camera.centre_in_world() * 1.5;
         assert!((off_axis(camera, behind) - std::f64::consts::PI).abs() < 1e-9);
         assert!((diagonal_view(camera).to_degrees() - 31.9).abs() < 0.1);
-        assert!(meeting_point(&rig()).unwrap().length() < 10.0);
+        assert!(meeting_of_axes(&rig()).unwrap().length() < 10.0);
     }
 
     #[test]

@@ -12,6 +12,7 @@ pub mod clock;
 pub mod conventions;
 pub mod cost;
 pub mod coverage;
+pub mod epipolar;
 pub mod evidence;
 pub mod files;
 pub mod finding;
@@ -26,6 +27,7 @@ pub mod repair;
 pub mod silhouettes;
 pub mod table;
 pub mod time;
+pub mod turn;
 
 pub use evidence::Evidence;
 pub use finding::{Finding, Outcome, Verdict};

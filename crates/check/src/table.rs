@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use crate::{
-    Evidence, Finding, Outcome, Verdict, calibration, conventions, cost, coverage, files, footage, identity, lens,
-    masks, time,
+    Evidence, Finding, Outcome, Verdict, calibration, conventions, cost, coverage, epipolar, files, footage, identity,
+    lens, masks, time,
 };
 
 /// One check.
@@ -52,6 +52,7 @@ pub const CHECKS: &[Check] = checks! {
     "identity", "labels lie on markers in their footage, plates look like their footage: exchanged clips and plates", "masks", false, identity::check;
     "time", "markers followed in every view: delays between views, frames lost, frames shown twice", "lift", false, time::check;
     "distortion", "followed markers with one radial term more", "hull", false, lens::check;
+    "epipolar", "pairs of views by the markers that both see; a view that disagrees with the others, or was turned", "lift", true, epipolar::check;
     "masks", "subject masks of three frames: empty ones, holes, given hair outside the subject", "masks", false, masks::check;
     "hull", "the hull of these masks, drawn back into every view: leaks, cuts, views that empty it", "hull", false, masks::hull;
     "footage", "focus, exposure and brightness of the hair in every view's first frame", "orient", false, footage::check;

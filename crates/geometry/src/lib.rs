@@ -2,6 +2,7 @@
 
 pub mod align;
 pub mod blue_noise;
+pub mod epipolar;
 pub mod icp;
 pub mod lens;
 pub mod mesh_distance;

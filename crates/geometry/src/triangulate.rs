@@ -1,7 +1,7 @@
 //! Triangulation of points from several views.
 
 use glam::{DMat3, DVec2, DVec3};
-use strandflow_core::Camera;
+use strandflow_core::{Camera, Rig};
 
 use crate::project::{project, ray};
 
@@ -64,6 +64,18 @@ pub fn midpoint(observations: &[(&Camera, DVec2)]) -> Option<DVec3> {
         b += m * r.origin;
     }
     (a.determinant().abs() > 1e-9).then(|| a.inverse() * b)
+}
+
+/// The point nearest to all optical axes of a rig in the least-squares sense \[mm\]; `None` where they are parallel.
+pub fn meeting_of_axes(rig: &Rig) -> Option<DVec3> {
+    let (mut a, mut b) = (DMat3::ZERO, DVec3::ZERO);
+    for camera in &rig.cameras {
+        let d = camera.camera_from_world.rotation.row(2);
+        let across = DMat3::IDENTITY - DMat3::from_cols(d * d.x, d * d.y, d * d.z);
+        a += across;
+        b += across * camera.centre_in_world();
+    }
+    (a.determinant().abs() > 1e-6).then(|| a.inverse() * b)
 }
 
 /// Gauss–Newton on the squared reprojection error (10 steps or below 1e-9 mm).

@@ -1,8 +1,9 @@
 //! Stage 2: the take's grid, and the visual hull of each frame on it.
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Grid, Mask, Occupancy, Place, Report, Rig};
+use strandflow_geometry::triangulate::meeting_of_axes;
 use strandflow_volume::carve::{CarvingView, carve, carve_touching, largest_component, occupied_box};
 use strandflow_volume::parts::parts;
 use strandflow_volume::silhouette::Silhouette;
@@ -87,7 +88,7 @@ pub fn grid_of_take(
     let place = Place::default();
     let masks: Vec<&Mask> = unions.iter().collect();
     check_input(rig, &masks, &place, report)?;
-    let (centre, distance) = meeting_point(rig);
+    let (centre, distance) = subject_place(rig);
     let domain = cube(centre, 0.75 * distance, 16.0_f64.max(settings.voxel_mm * 2.0));
     let coarse = bounded(rig, &masks, settings, &domain)
         .ok_or_else(|| empty_hull(rig, &masks, &domain, place.clone(), settings))?;
@@ -181,18 +182,12 @@ fn bounded(rig: &Rig, masks: &[&Mask], settings: &HullSettings, grid: &Grid) -> 
 }
 
 /// The point nearest to all optical axes and the median distance of the cameras to it \[mm\].
-fn meeting_point(rig: &Rig) -> (DVec3, f64) {
+fn subject_place(rig: &Rig) -> (DVec3, f64) {
     let axes = || rig.cameras.iter().map(|c| (c.centre_in_world(), c.camera_from_world.rotation.row(2)));
-    let across = |d: DVec3| DMat3::IDENTITY - DMat3::from_cols(d * d.x, d * d.y, d * d.z);
-    let a = axes().fold(DMat3::ZERO, |sum, (_, d)| sum + across(d));
-    let b = axes().fold(DVec3::ZERO, |sum, (o, d)| sum + across(d) * o);
     let centres = || axes().map(|(o, _)| o).sum::<DVec3>() / rig.view_count() as f64;
     // Parallel axes do not meet: then take a point a metre ahead of the cameras.
-    let point = if a.determinant().abs() > 1e-6 {
-        a.inverse() * b
-    } else {
-        centres() + axes().map(|(_, d)| d).sum::<DVec3>().normalize_or_zero() * 1000.0
-    };
+    let ahead = || centres() + axes().map(|(_, d)| d).sum::<DVec3>().normalize_or_zero() * 1000.0;
+    let point = meeting_of_axes(rig).unwrap_or_else(ahead);
     let mut distances: Vec<f64> = axes().map(|(o, _)| o.distance(point)).collect();
     distances.sort_by(f64::total_cmp);
     (point, distances[distances.len() / 2].max(100.0))

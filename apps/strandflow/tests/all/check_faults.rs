@@ -16,7 +16,7 @@ use crate::common::{stderr, strandflow, text};
 use crate::faults::{Copy, FRAMES, Sound, blurred, smaller};
 use glam::{DMat3, DVec3};
 use serde_json::Value;
-use strandflow_core::{Plane, RgbImage, RigidTransform};
+use strandflow_core::{Camera, Plane, RgbImage, RigidTransform};
 
 /// One planted fault: what was done, the name that `check` must give it, where, and how it is planted.
 struct Planted {
@@ -82,10 +82,16 @@ const PLANTED: &[Planted] = &[
         });
     }),
     planted("cam03 turned by 1° after the calibration", "view-off", "cam03", |take| {
-        take.camera(3, |camera| {
-            let turn = RigidTransform { rotation: DMat3::from_rotation_y(0.0175), translation: DVec3::ZERO };
-            camera.camera_from_world = turn.after(&camera.camera_from_world);
-        });
+        take.camera(3, |camera| turn(camera, DVec3::Y, 1.0));
+    }),
+    planted("cam01 turned sideways by half a degree after the calibration", "view-off", "cam01", |take| {
+        take.camera(1, |camera| turn(camera, DVec3::Y, 0.5));
+    }),
+    planted("cam04 turned upward by a quarter of a degree", "epipolar", "cam04", |take| {
+        take.camera(4, |camera| turn(camera, DVec3::X, 0.25));
+    }),
+    planted("cam05 turned by three degrees about its axis", "epipolar", "cam05", |take| {
+        take.camera(5, |camera| turn(camera, DVec3::Z, 3.0));
     }),
     planted("a lens with k1 = −3 ignored", "distortion-missing", "all views", |take| take.distorted(-3.0, FRAMES)),
     planted("calibrated at another image size", "image-size", "all views", |take| {
@@ -185,6 +191,13 @@ const PLANTED: &[Planted] = &[
         take.replace("marker_radius_px = 3.0", "marker_radius_px = 1.0");
     }),
 ];
+
+/// Turns a camera about an axis of its own by so many degrees.
+fn turn(camera: &mut Camera, axis: DVec3, degrees: f64) {
+    let rotation = DMat3::from_axis_angle(axis, degrees.to_radians());
+    let turn = RigidTransform { rotation, translation: DVec3::ZERO };
+    camera.camera_from_world = turn.after(&camera.camera_from_world);
+}
 
 fn brighten(plate: &mut RgbImage, columns: Range<usize>, rows: Range<usize>) {
     for y in rows {
