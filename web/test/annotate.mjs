@@ -137,17 +137,6 @@ try {
   await rest();
   check(!(await labels()).corrections?.length, 'undone');
 
-  // ---- a marker that the first frame does not show begins in frame 2
-  await key('n', 'Enter');
-  s = await rest();
-  const begun = s.labels.corrections?.[0]?.markers[0]?.id;
-  check(begun === Math.max(...s.labels.markers.map((m) => m.id)) + 1, `marker ${begun} begins in frame 2`);
-  check((await labels()).corrections[0].markers[0].id === begun, 'and is on the disk');
-  await shot('new-marker');
-  await key('Control+z');
-  await rest();
-  check(!(await labels()).corrections?.length, 'undone');
-
   // ---- hair: a stroke, undone and redone, erased, filled
   await key('2', '0');
   await set({ view: 'cam01', brush: 6 });

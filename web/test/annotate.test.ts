@@ -10,7 +10,7 @@ import type { P2, P3, WorkView } from '../src/annotate/camera.ts';
 import { distort, undistort } from '../src/annotate/lens.ts';
 import type { Lens } from '../src/annotate/lens.ts';
 import { History } from '../src/annotate/history.ts';
-import { addMarker, labelsAt, markerIds, putLabel, removeMarker } from '../src/annotate/labels.ts';
+import { labelsAt, putLabel, removeMarker } from '../src/annotate/labels.ts';
 import { nameOf } from '../src/annotate/keys.ts';
 import { greyPng } from '../src/annotate/png.ts';
 import { firstLook, fromHash, toHash } from '../src/annotate/state.ts';
@@ -172,19 +172,6 @@ test('corrections come, stay in order, and go with their last label or their mar
   assert.deepEqual([labelsAt(doc, 0).map((m) => m.id), labelsAt(doc, 5).map((m) => m.id)], [[1], [1]]);
   removeMarker(doc, 5, 1);
   assert.ok(doc.corrections?.length === 0 && labelsAt(doc, 0).length === 1);
-});
-
-test('markers begin in any frame, and the first of all says which is that of the labels', () => {
-  const doc: LabelDoc = { frame: 0, markers: [] };
-  addMarker(doc, 4, 0);
-  assert.ok(doc.frame === 4 && labelsAt(doc, 4).length === 1);
-  addMarker(doc, 9, 1);
-  assert.ok(doc.frame === 4 && doc.markers.length === 1, 'in another frame a marker is there from its first label on');
-  putLabel(doc, 9, 1, 'a', [1, 2]);
-  assert.deepEqual([markerIds(doc), labelsAt(doc, 9).map((m) => m.id)], [[0, 1], [1]]);
-  putLabel(doc, 9, 0, 'a', [3, 4]);
-  removeMarker(doc, 4, 0);
-  assert.deepEqual(markerIds(doc), [1], 'out of the frame of the labels, out of all');
 });
 
 test('keys have one name each', () => {

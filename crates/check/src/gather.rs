@@ -69,7 +69,7 @@ pub fn of_folder(root: &Path) -> Result<Evidence, EngineError> {
         let folder = root.join(&manifest.labels.hair_masks).join(&view.name);
         read_hair(view, &folder, frames.start, &mut trouble);
     }
-    let labels = read_labels(&root.join(&manifest.labels.markers), &views, frames, &mut trouble);
+    let labels = read_labels(&root.join(&manifest.labels.markers), &views, frames.start, &mut trouble);
     let mut evidence = Evidence {
         root: root.to_owned(),
         mended: rig.clone().unwrap_or_default(),
@@ -114,7 +114,7 @@ pub fn of_take(take: &Take) -> Result<Evidence, EngineError> {
         })
     };
     let views = names.map(view).collect::<Result<Vec<_>, EngineError>>()?;
-    let (_, labels) = take.sources().labels(&rig, frames)?;
+    let labels = take.sources().labels(&rig, frames.start)?;
     let points =
         |views: BTreeMap<usize, [f64; 2]>| views.into_iter().map(|(view, at)| (view, DVec2::from_array(at))).collect();
     Ok(Evidence {
@@ -246,7 +246,7 @@ fn mask_size(view: &str, (w, h): (usize, usize), (iw, ih): (usize, usize)) -> Op
     ((w, h) != (iw, ih)).then(|| finding.hint("save masks at the size of the footage"))
 }
 
-fn read_labels(file: &Path, views: &[ViewEvidence], frames: FrameRange, trouble: &mut Vec<Finding>) -> Vec<Label> {
+fn read_labels(file: &Path, views: &[ViewEvidence], first: usize, trouble: &mut Vec<Finding>) -> Vec<Label> {
     let cannot = |fault, fact: String, hint: &str| {
         Finding::cannot(fault, "labels", fact).suffers("pose: no head pose in any frame").hint(hint)
     };
@@ -257,12 +257,12 @@ fn read_labels(file: &Path, views: &[ViewEvidence], frames: FrameRange, trouble:
             return Vec::new();
         }
     };
-    if !frames.contains(labels.frame) {
-        let fact = format!("the labels are of frame {}, the take has frames {frames}", labels.frame);
+    if labels.frame != first {
+        let fact = format!("the labels are of frame {}, the take begins at frame {first}", labels.frame);
         trouble.push(cannot(
             "labels-frame",
             fact,
-            "label the markers in a frame of the take, or begin the take earlier",
+            "label the markers in the take's first frame, or begin the take there",
         ));
     }
     let mut found = Vec::new();

@@ -76,9 +76,4 @@ impl Report {
     pub fn warn(&mut self, place: Place, fact: impl Into<String>, consequence: impl Into<String>) {
         self.findings.push(Finding { place, fact: fact.into(), consequence: consequence.into() });
     }
-
-    /// Adds all of another report.
-    pub fn append(&mut self, other: Self) {
-        self.findings.extend(other.findings);
-    }
 }

@@ -215,7 +215,6 @@ impl Take {
         let track = |i: usize| some_finite(DVec2::from_slice(&tracks[2 * i..]), DVec2::is_finite);
         let interpolated: Vec<u8> = self.store().read_all("pose/interpolated")?;
         Ok(HeadPoses {
-            ids: self.store().read_all("pose/ids")?,
             world_from_head: rows.chunks_exact(16).map(transform_from_slice).collect(),
             markers: (0..times).map(|t| (0..markers).map(|m| position(t * markers + m)).collect()).collect(),
             tracks: (0..times * views)

@@ -72,7 +72,7 @@ impl Sources {
         };
         let sources = Self { images, files, names, plates, labels, hairs, subjects, frames };
         // Labels are read again by the stage; looked at now, so that hours of masks do not come before the error.
-        sources.labels(views.rig(), frames)?;
+        sources.labels(views.rig(), frames.start)?;
         sources.corrections(views.rig())?;
         sources.must_begin_with_hair(frames.start)?;
         Ok(sources)
@@ -116,31 +116,33 @@ impl Sources {
         &self.labels
     }
 
-    /// The frame in which the markers are labelled, and the labels by view index in `rig`: (number, image points).
+    /// Marker labels of the take's first frame by view index in `rig`: (number, image points).
     ///
     /// # Errors
-    /// `Input` where the file cannot be read, is of none of `frames`, has a point outside its image, or holds fewer than five
-    /// markers seen by two views.
-    pub fn labels(&self, rig: &Rig, frames: FrameRange) -> Result<(usize, Vec<NumberedMarker>), EngineError> {
+    /// `Input` where the file cannot be read, is of another frame, names views that are not there, or holds fewer than
+    /// five markers seen by two views.
+    pub fn labels(&self, rig: &Rig, first: usize) -> Result<Vec<NumberedMarker>, EngineError> {
         let labels = strandflow_io::read_marker_labels(&self.labels)?;
         let name = self.labels.display().to_string();
-        let frame = labels.frame;
-        if !frames.contains(frame) {
-            let fact = format!("the labels are of frame {frame}, these are frames {frames}");
-            let hint = "label the markers in one of them, or take frames up to the labelled one";
-            return Err(EngineError::input(name, fact, hint));
+        if labels.frame != first {
+            let fact = format!("the labels are of frame {}, the take begins at frame {first}", labels.frame);
+            return Err(EngineError::input(
+                name,
+                fact,
+                "label the markers in the take's first frame, or begin the take there",
+            ));
         }
-        let found = self.in_views(labels.markers, frame, rig)?;
+        let found = self.in_views(labels.markers, first, rig)?;
         let usable = found.iter().filter(|(_, views)| views.len() >= 2).count();
         if usable < 5 {
             let fact =
-                format!("frame {frame}: {usable} markers are labelled in two or more views, at least 5 are needed");
+                format!("frame {first}: {usable} markers are labelled in two or more views, at least 5 are needed");
             return Err(EngineError::input(name, fact, "label more markers, each in every view that sees it"));
         }
-        Ok((frame, found))
+        Ok(found)
     }
 
-    /// Markers in other frames, by frame: corrections, and markers first labelled there.
+    /// Corrections of markers in other frames, by frame.
     ///
     /// # Errors
     /// `Input` where the file cannot be read or a point is outside its view.

@@ -1,6 +1,5 @@
 //! Marker labels: JSON `{"frame": 0, "markers": [{"id": 0, "views": {"cam00": [u, v]}}], "corrections": [{"frame": 12,
-//! "markers": [...]}]}`. The markers are labelled in `frame`; corrections say where some of them are in other frames,
-//! and where markers are that `frame` does not show.
+//! "markers": [...]}]}`. The markers are labelled in `frame`; corrections say where some of them are in other frames.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -60,7 +59,8 @@ struct LabelEntry {
 /// Reads marker labels.
 ///
 /// # Errors
-/// The file cannot be read, is not the JSON described above, names a marker or a frame twice, or holds a non-finite number.
+/// The file cannot be read, is not the JSON described above, names a marker twice in a frame, corrects a marker that is not
+/// labelled or a frame twice, or holds a non-finite number.
 pub fn read_marker_labels(path: &Path) -> Result<MarkerLabels, IoError> {
     marker_labels_from_json(path, &read_text(path)?)
 }
@@ -81,6 +81,11 @@ pub fn marker_labels_from_json(path: &Path, text: &str) -> Result<MarkerLabels, 
         let corrected = of_one_frame(path, frame, corrected, shift)?;
         let wrong =
             |fact: String, hint: &str| Err(IoError::content(path, At { frame: Some(frame), ..At::FILE }, fact, hint));
+        let unknown = |id: u32| markers.binary_search_by_key(&id, |marker| marker.id).is_err();
+        if let Some(marker) = corrected.iter().find(|marker| unknown(marker.id)) {
+            let fact = format!("marker {} is corrected, but not labelled in frame {}", marker.id, file.frame);
+            return wrong(fact, "label it there too, or leave it out");
+        }
         if frame == file.frame {
             return wrong("the frame of the labels is also corrected".into(), "correct the labels themselves");
         }
@@ -185,6 +190,10 @@ mod tests {
         let said = |from: &str, to: &str| {
             marker_labels_from_json(Path::new("m.json"), &GOOD.replace(from, to)).unwrap_err().to_string()
         };
+        assert!(
+            said("[{\"id\": 3, \"views\": {\"b\": [7", "[{\"id\": 4, \"views\": {\"b\": [7")
+                .contains("frame 9: marker 4")
+        );
         assert!(said("\"frame\": 9", "\"frame\": 2").contains("frame 2: the frame of the labels"));
         assert!(
             said("}]}]}", "}]}, {\"frame\": 9, \"markers\": []}]}").contains("frame 9: the frame is corrected twice")

@@ -1,5 +1,5 @@
-//! Stage 3: markers tracked from labels in one frame and corrections in others, and the rigid head pose of every frame
-//! (eq. 1).
+//! Stage 3: markers tracked from labels in the first frame and corrections in later ones, and the rigid head pose of every
+//! frame (eq. 1).
 
 use std::collections::BTreeMap;
 
@@ -36,19 +36,15 @@ pub struct PoseInput<'a> {
     pub images: &'a dyn ImageSource,
     /// The frames of the take.
     pub frames: FrameRange,
-    /// The frame in which the markers are labelled, one of `frames`.
-    pub labelled: usize,
-    /// Labels in that frame.
+    /// Labels in the first frame.
     pub labels: &'a [MarkerLabel],
-    /// Labels in other frames: where some of these markers are, and markers that are first labelled there.
+    /// Where some of these markers are in later frames, by frame.
     pub corrections: &'a BTreeMap<usize, Vec<MarkerLabel>>,
 }
 
 /// Marker tracks and head poses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeadPoses {
-    /// Numbers of the markers: those of the labelled frame, then those first labelled in others, M in all.
-    pub ids: Vec<u32>,
     /// Motion of the head from the first frame to each frame, in world coordinates (eq. 1's C^t). Head space is the
     /// world of the first frame.
     pub world_from_head: Vec<RigidTransform>,
@@ -131,29 +127,15 @@ impl PoseSettings {
 ///
 /// From each correction tracks are followed forward to the next one and backward to the one before; between two, every frame
 /// has those that see more of the markers, and where both see as much those of the nearer one.
-///
-/// A marker that is first labelled in another frame has its place on the head by the pose of that frame. With it the whole
-/// take is tracked again, so that it holds poses before that frame too.
-///
-/// # Errors
-/// `Input` where too few markers are labelled in two views of one frame, `NonFinite` for a label that is none; what reading
-/// the images says.
 pub fn pose(
     input: &PoseInput,
     mode: Mode,
     settings: &PoseSettings,
     report: &mut Report,
 ) -> Result<HeadPoses, StageError> {
-    let mut tracker = Tracker::start(input, mode, settings)?;
-    let mut findings = Report::default();
-    let mut found = sweep::all_frames(&tracker, &mut findings)?;
-    if tracker.place_later(&found, report)? {
-        findings = Report::default();
-        found = sweep::all_frames(&tracker, &mut findings)?;
-    }
-    report.append(findings);
+    let tracker = Tracker::start(input, mode, settings)?;
+    let found = sweep::all_frames(&tracker, report)?;
     let mut poses = HeadPoses {
-        ids: tracker.ids.clone(),
         world_from_head: found.iter().map(|f| f.pose).collect(),
         rms_px: found.iter().map(|f| f.rms_px).collect(),
         used: found.iter().map(|f| f.used).collect(),
@@ -166,17 +148,7 @@ pub fn pose(
         poses.tracks.push(frame.tracks);
     }
     interpolate(&mut poses, tracker.centre());
-    relative_to_first(&mut poses.world_from_head);
     Ok(poses)
-}
-
-/// Poses were found as motions from the labelled frame; head space is the world of the first.
-fn relative_to_first(poses: &mut [RigidTransform]) {
-    let Some(first) = poses.first().filter(|first| **first != RigidTransform::IDENTITY) else { return };
-    let labelled_from_first = first.inverse();
-    poses.iter_mut().for_each(|pose| *pose = pose.after(&labelled_from_first));
-    // What rounding leaves of no motion is none.
-    poses[0] = RigidTransform::IDENTITY;
 }
 
 /// Replaces the poses of frames without enough markers by those between their neighbours.

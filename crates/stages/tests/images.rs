@@ -281,19 +281,8 @@ impl Balls {
         mode: Mode,
         settings: &pose::PoseSettings,
     ) -> Result<pose::HeadPoses, StageError> {
-        self.poses_from(0, labels, corrections, mode, settings)
-    }
-
-    fn poses_from(
-        &self,
-        labelled: usize,
-        labels: &[pose::MarkerLabel],
-        corrections: &BTreeMap<usize, Vec<pose::MarkerLabel>>,
-        mode: Mode,
-        settings: &pose::PoseSettings,
-    ) -> Result<pose::HeadPoses, StageError> {
         let frames = FrameRange { start: 0, end: 6 };
-        let input = pose::PoseInput { rig: &self.rig, images: &self.source, frames, labelled, labels, corrections };
+        let input = pose::PoseInput { rig: &self.rig, images: &self.source, frames, labels, corrections };
         pose::pose(&input, mode, settings, &mut Report::default())
     }
 
@@ -303,33 +292,6 @@ impl Balls {
         let turn = found.world_from_head[t].inverse().after(&truth).angle().to_degrees();
         (turn, found.world_from_head[t].point(DVec3::ZERO).distance(truth.point(DVec3::ZERO)))
     }
-}
-
-/// Labels of a frame in the middle hold both ways; a marker that is first labelled in another frame is tracked in all of them.
-#[test]
-fn labels_of_any_frame_hold_forward_and_backward() {
-    let scene = Balls::moving(|t| RigidTransform {
-        rotation: DMat3::from_rotation_y(0.03 * t as f64),
-        translation: DVec3::new(1.5 * t as f64, -0.5, 0.0),
-    });
-    let settings = pose::PoseSettings::default();
-    let (all, later) = (scene.labels(4, 7, 3), scene.labels(1, 7, 3));
-    let corrections = BTreeMap::from([(1, later[6..].to_vec())]);
-    for (mode, degrees) in [(Mode::Robust, 0.2), (Mode::Paper, 3.0)] {
-        let found = scene.poses_from(4, &all[..6], &corrections, mode, &settings).unwrap();
-        assert_eq!(found.ids, all.iter().map(|label| label.id).collect::<Vec<_>>());
-        for t in 0..6 {
-            let (turn, shift) = scene.off(&found, t);
-            println!("{mode:?} frame {t}: {turn:.3} degrees, {shift:.3} mm, {} markers", found.used[t]);
-            assert!(turn < degrees && shift < 5.0 * degrees, "{mode:?} frame {t}: {turn}, {shift}");
-        }
-        let truth = |t: usize| scene.labels(t, 7, 3)[6].views[&0];
-        let tracked = |t: usize| found.tracks[t][0][6].is_some_and(|p| p.distance(truth(t)) < 1.0);
-        assert!(tracked(1), "{mode:?}");
-        assert!(mode == Mode::Paper || (0..6).all(tracked), "{mode:?}: {:?}", [0, 2, 5].map(tracked));
-    }
-    let outside = scene.poses_from(6, &all, &BTreeMap::new(), Mode::Robust, &settings);
-    assert!(matches!(outside, Err(StageError::Input { .. })));
 }
 
 #[test]
@@ -363,7 +325,7 @@ fn a_correction_holds_forward_and_backward() {
     let settings = pose::PoseSettings { search_px: 4.0, ..pose::PoseSettings::default() };
     let lost = scene.poses(&labels, &BTreeMap::new(), Mode::Robust, &settings).unwrap();
     assert!((3..6).all(|t| scene.off(&lost, t).1 > 10.0), "{:?}", [3, 4, 5].map(|t| scene.off(&lost, t)));
-    // Numbers without a point, and frames outside the take, change nothing.
+    // Numbers that were not labelled in the first frame, and frames outside the take, change nothing.
     let mut corrections = BTreeMap::from([(4, scene.labels(4, 5, 2)), (9, scene.labels(4, 5, 2))]);
     corrections.get_mut(&4).unwrap().push(pose::MarkerLabel { id: 77, views: BTreeMap::new() });
     for (mode, degrees) in [(Mode::Robust, 0.15), (Mode::Paper, 3.0)] {
@@ -379,14 +341,8 @@ fn a_correction_holds_forward_and_backward() {
     // A label that contradicts all others is told, and moves the pose little.
     corrections.get_mut(&4).unwrap()[0].views.insert(1, DVec2::new(20.0, 20.0));
     let frames = FrameRange { start: 0, end: 6 };
-    let input = pose::PoseInput {
-        labelled: 0,
-        rig: &scene.rig,
-        images: &scene.source,
-        frames,
-        labels: &labels,
-        corrections: &corrections,
-    };
+    let input =
+        pose::PoseInput { rig: &scene.rig, images: &scene.source, frames, labels: &labels, corrections: &corrections };
     let mut report = Report::default();
     let found = pose::pose(&input, Mode::Robust, &settings, &mut report).unwrap();
     assert!(report.findings.iter().any(|f| f.fact.contains("marker 0 is")), "{:?}", report.findings);

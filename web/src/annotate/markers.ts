@@ -1,14 +1,14 @@
-// Markers: labelled in one frame, in others corrected or first labelled. Two labelled views tell where a marker is in all.
+// Markers: labelled in one frame, corrected in others. Two labelled views tell where a marker is in all.
 
 import { el } from '../dom.ts';
-import { addMarker, labelsAt, markerIds, putLabel, removeMarker } from './labels.ts';
+import { labelsAt, putLabel, removeMarker } from './labels.ts';
 import { colourOf, cross, line, name, ring, swatch } from './marks.ts';
 import { epipolar, project, triangulate } from './camera.ts';
 import type { P2, P3, WorkView } from './camera.ts';
 import { apart, within } from './tool.ts';
 import type { Room, Spot, Tool } from './tool.ts';
 import { readJson } from './wire.ts';
-import type { LabelDoc, Tracks } from './wire.ts';
+import type { LabelDoc, Marker, Tracks } from './wire.ts';
 
 const PATH = '/api/labels';
 /** How near a click must be to a marker to mean it [px of the screen]. */
@@ -24,8 +24,6 @@ export class Markers implements Tool {
   private points = new Map<number, P3>();
   private pointsOf: unknown[] = [];
   private drag: { id: number; before: LabelDoc } | null = null;
-  /** A new marker that has no label yet, in another frame than that of the labels. */
-  private begun: number | null = null;
 
   constructor(private readonly room: Room) {
     void this.load();
@@ -65,12 +63,7 @@ export class Markers implements Tool {
   // ---- what is where
 
   private get isFirst(): boolean {
-    return this.room.look.frame === this.doc.frame || !markerIds(this.doc).length;
-  }
-
-  private get ids(): number[] {
-    const ids = markerIds(this.doc);
-    return this.begun === null || ids.includes(this.begun) ? ids : [...ids, this.begun];
+    return this.room.look.frame === this.doc.frame;
   }
 
   private label(id: number, view: string): P2 | undefined {
@@ -90,9 +83,9 @@ export class Markers implements Tool {
     const of = [this.doc, this.room.look.frame];
     if (of.some((thing, i) => thing !== this.pointsOf[i])) {
       [this.pointsOf, this.points] = [of, new Map()];
-      for (const marker of markerIds(this.doc)) {
-        const p = triangulate(this.seen(marker));
-        if (p) this.points.set(marker, p);
+      for (const marker of this.doc.markers) {
+        const p = triangulate(this.seen(marker.id));
+        if (p) this.points.set(marker.id, p);
       }
     }
     return this.points.get(id);
@@ -154,23 +147,25 @@ export class Markers implements Tool {
   }
 
   private newId(): number {
-    return Math.max(-1, ...markerIds(this.doc)) + 1;
+    return Math.max(-1, ...this.doc.markers.map((m) => m.id)) + 1;
   }
 
   fresh(): void {
+    if (!this.isFirst) {
+      this.room.say('New markers are labelled in the first frame.', `Home goes to frame ${this.doc.frame}; here markers are corrected.`);
+      return;
+    }
     const id = this.newId();
-    this.begun = id;
-    if (this.isFirst) this.change('new marker', (doc) => addMarker(doc, this.room.look.frame, id));
-    else this.room.say(`Marker ${id} is new: label it in two views.`, 'The head pose of this frame tells where it is on the head; then it is tracked in all frames.');
+    this.change('new marker', (doc) => doc.markers.push({ id, views: {} }));
     this.room.set({ marker: id });
   }
 
   /** The marker that a click places; a new one where none is chosen. */
   private chosen(): number | null {
     const { marker } = this.room.look;
-    if (marker !== null && this.ids.includes(marker)) return marker;
+    if (marker !== null && this.doc.markers.some((m) => m.id === marker)) return marker;
     if (!this.isFirst) {
-      this.room.say('Choose the marker that is here.', 'Click it where it is tracked, in the list, or step with j and k; n begins a new one.');
+      this.room.say('Choose the marker that is here.', 'Click it where it is tracked, in the list, or step with j and k.');
       return null;
     }
     this.fresh();
@@ -179,7 +174,7 @@ export class Markers implements Tool {
 
   private nearest({ view, at, px }: Spot): number | null {
     let best: [number, number] | null = null;
-    for (const id of markerIds(this.doc)) {
+    for (const { id } of this.doc.markers) {
       const there = this.label(id, view.name) ?? this.track(id, view.name);
       const off = there ? apart(there, at) / px : Infinity;
       if (off <= REACH && (!best || off < best[1])) best = [id, off];
@@ -239,7 +234,7 @@ export class Markers implements Tool {
   }
 
   step(by: number): void {
-    const { ids } = this;
+    const ids = this.doc.markers.map((m) => m.id);
     if (ids.length === 0) return;
     const at = ids.indexOf(this.room.look.marker ?? -1);
     this.room.set({ marker: ids[at < 0 ? 0 : (at + by + ids.length) % ids.length] });
@@ -252,9 +247,8 @@ export class Markers implements Tool {
       if (this.label(marker, view)) this.change('removed label', (doc) => putLabel(doc, frame, marker, view, null));
       return;
     }
-    this.begun = null;
     this.change('removed marker', (doc) => removeMarker(doc, frame, marker));
-    if (!markerIds(this.doc).includes(marker)) this.room.set({ marker: null });
+    if (this.isFirst) this.room.set({ marker: null });
   }
 
   // ---- looks
@@ -269,7 +263,7 @@ export class Markers implements Tool {
       }
       ink.globalAlpha = 1;
     }
-    for (const id of markerIds(this.doc)) {
+    for (const { id } of this.doc.markers) {
       const isChosen = id === marker;
       const [label, guess] = [this.label(id, view.name), this.guess(id, view)];
       if (label) ring(ink, label, (isChosen ? 7 : 5) * px, colourOf(id), isChosen ? 2.4 * px : 1.6 * px);
@@ -286,7 +280,7 @@ export class Markers implements Tool {
   caption(view: WorkView): string {
     const { marker } = this.room.look;
     if (marker === null) {
-      const count = markerIds(this.doc).filter((id) => this.label(id, view.name)).length;
+      const count = this.doc.markers.filter((m) => this.label(m.id, view.name)).length;
       return count ? `${count} labelled` : '';
     }
     const off = this.residual(marker, view);
@@ -315,8 +309,8 @@ export class Markers implements Tool {
       : 'This frame was not tracked yet: run to stage pose.';
     const about = this.isFirst
       ? `${usable} of at least 5 markers are labelled in two or more views.`
-      : `${pose} What you label here corrects the tracks before and after, up to the next correction. n begins a marker that frame ${this.doc.frame} does not show.`;
-    const row = (id: number) => {
+      : `${pose} What you label here corrects the tracks before and after, up to the next correction.`;
+    const row = ({ id }: Marker) => {
       const [views, rms] = [this.seen(id).length, this.rms(id)];
       const tracked = tracks && Object.values(tracks.views).filter((seen) => seen[id]).length;
       const words = views > 0 ? `${views} view${views > 1 ? 's' : ''}` : !this.isFirst && tracked ? `tracked in ${tracked}` : 'none yet';
@@ -327,13 +321,13 @@ export class Markers implements Tool {
     };
     return [
       el('h2', {}, this.isFirst ? 'Markers' : 'Corrections'), el('p', {}, about),
-      this.ids.length === 0 && this.isHere && el('p', {}, 'Click a marker in one view, then in a second one: lines show where it can be. From then on m labels it in the others. n begins the next.'),
-      el('div', { className: 'items' }, ...this.ids.map(row)),
+      this.doc.markers.length === 0 && this.isHere && el('p', {}, 'Click a marker in one view, then in a second one: lines show where it can be. From then on m labels it in the others. n begins the next.'),
+      el('div', { className: 'items' }, ...this.doc.markers.map(row)),
     ];
   }
 
   counters(): Record<string, unknown> {
-    const rms = Object.fromEntries(markerIds(this.doc).map((id) => [id, this.rms(id)]));
+    const rms = Object.fromEntries(this.doc.markers.map((m) => [m.id, this.rms(m.id)]));
     const { marker } = this.room.look;
     const guesses = marker === null ? {} : Object.fromEntries(this.room.views.map((v) => [v.name, this.guess(marker, v)]));
     return { labels: this.doc, rms, guesses };

@@ -212,52 +212,6 @@ fn a_run_uses_what_was_handed_in_and_repeats_no_more() {
     // The marker's centre is measured where the label says to look.
     assert!(off < 0.6 * 2.0 + 1e-9, "{off}");
 
-    // A marker that only frame 2 has, in two views or more, is tracked in the frames before too.
-    let begins_later = |m: &serde_json::Value| m["views"].as_object().unwrap().len() >= 3;
-    let markers = labels["markers"].as_array_mut().unwrap();
-    let index = markers.iter().position(begins_later).unwrap();
-    let removed = markers.remove(index);
-    let id = removed["id"].as_u64().unwrap();
-    let views: serde_json::Map<String, serde_json::Value> = (0..5)
-        .map(|view| format!("cam{view:02}"))
-        .filter_map(|view| Some((view.clone(), tracks["views"][&view].get(id.to_string())?.clone())))
-        .collect();
-    assert!(views.len() >= 2, "{views:?}");
-    labels["corrections"] = json!([{"frame": 2, "markers": [{"id": id, "views": views}]}]);
-    let version = desk.version("/api/labels");
-    assert_eq!(desk.put("/api/labels", &version, labels.to_string().as_bytes()).status, 204);
-    assert_eq!(done_by_run(&take, "pose"), keys(&["pose/pose/take"]));
-    let poses = Take::open(&take).unwrap().read_poses().unwrap();
-    assert_eq!(poses.ids.last(), Some(&(id as u32)));
-    let (view, label) = removed["views"].as_object().unwrap().iter().next().unwrap();
-    let (view, label) = (view[3..].parse::<usize>().unwrap(), label.as_array().unwrap());
-    let found = poses.tracks[0][view].last().unwrap().unwrap();
-    let off = (found.x - label[0].as_f64().unwrap()).hypot(found.y - label[1].as_f64().unwrap());
-    assert!(off < 2.0, "{off}");
-    // Labels of a frame in the middle do as well.
-    labels["frame"] = json!(2);
-    labels["markers"] = json!(
-        tracks["markers"]
-            .as_object()
-            .unwrap()
-            .keys()
-            .map(|id| {
-                let seen = (0..5).map(|view| format!("cam{view:02}"));
-                let seen = seen.filter_map(|view| Some((view.clone(), tracks["views"][&view].get(id)?.clone())));
-                json!({"id": id.parse::<u32>().unwrap(), "views": seen.collect::<serde_json::Map<_, _>>()})
-            })
-            .collect::<Vec<_>>()
-    );
-    labels["corrections"] = json!([]);
-    let version = desk.version("/api/labels");
-    let answer = desk.put("/api/labels", &version, labels.to_string().as_bytes());
-    assert_eq!(answer.status, 204, "{}", String::from_utf8_lossy(&answer.body));
-    assert_eq!(done_by_run(&take, "pose"), keys(&["pose/pose/take"]));
-    let again = Take::open(&take).unwrap().read_poses().unwrap();
-    assert!(again.world_from_head[0] == strandflow_core::RigidTransform::IDENTITY);
-    let turn = again.world_from_head[3].inverse().after(&poses.world_from_head[3]).angle().to_degrees();
-    assert!(turn < 1.5 && again.interpolated.iter().all(|i| !i), "{turn}");
-
     // A hair mask at the last frame holds for the frames nearer to it than to the first.
     let path = "/api/mask/hair/cam01/3";
     let body = desk.0.body(path);

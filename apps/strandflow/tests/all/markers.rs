@@ -65,14 +65,8 @@ impl Shot {
     fn tracked(&self) -> HeadPoses {
         let (labels, corrections) = (self.labels(), BTreeMap::new());
         let frames = FrameRange { start: 0, end: FRAMES };
-        let input = PoseInput {
-            labelled: frames.start,
-            rig: &self.scene.given_rig,
-            images: self,
-            frames,
-            labels: &labels,
-            corrections: &corrections,
-        };
+        let input =
+            PoseInput { rig: &self.scene.given_rig, images: self, frames, labels: &labels, corrections: &corrections };
         pose(&input, Mode::Robust, &PoseSettings::default(), &mut Report::default()).unwrap()
     }
 

@@ -30,25 +30,26 @@ pub(crate) fn needs(job: &Job, _: Item, needs: &mut Needs) -> Result<(), EngineE
 
 pub(crate) fn run(job: &Job, _: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {
     let views = job.take.views();
-    let (labelled, labels) = job.take.sources().labels(views.rig(), job.plan.lead)?;
+    let labels = job.take.sources().labels(views.rig(), job.plan.lead.start)?;
     let labels: Vec<MarkerLabel> = labels.into_iter().map(label).collect();
     let corrections = job.take.sources().corrections(views.rig())?;
     let corrections = corrections.into_iter().map(|(frame, markers)| (frame, markers.into_iter().map(label).collect()));
     let corrections: BTreeMap<usize, Vec<MarkerLabel>> = corrections.collect();
     let images = views.images(job.take.images());
     let (rig, frames) = (views.rig(), job.plan.lead);
-    let input = PoseInput { rig, images: &images, frames, labelled, labels: &labels, corrections: &corrections };
+    let input = PoseInput { rig, images: &images, frames, labels: &labels, corrections: &corrections };
     let poses = strandflow_stages::pose::pose(&input, job.plan.mode, &job.plan.settings.pose, report)
         .map_err(of_stage("pose"))?;
-    write(job, out, &poses)
+    let ids: Vec<u32> = labels.iter().map(|label| label.id).collect();
+    write(job, out, &poses, &ids)
 }
 
 fn label((id, views): NumberedMarker) -> MarkerLabel {
     MarkerLabel { id, views: views.into_iter().map(|(v, uv)| (v, DVec2::from_array(uv))).collect() }
 }
 
-fn write(job: &Job, out: &mut Writer, poses: &HeadPoses) -> Result<(), EngineError> {
-    let markers = poses.ids.len();
+fn write(job: &Job, out: &mut Writer, poses: &HeadPoses, ids: &[u32]) -> Result<(), EngineError> {
+    let markers = ids.len();
     let (times, views) = (poses.world_from_head.len(), job.take.rig().view_count());
     let part = job.take.views().taking_part();
     for (t, pose) in poses.world_from_head.iter().enumerate() {
@@ -69,7 +70,7 @@ fn write(job: &Job, out: &mut Writer, poses: &HeadPoses) -> Result<(), EngineErr
         }
     }
     out.whole("pose/tracks", &[times, views, markers, 2], tracks.as_flattened())?;
-    out.whole("pose/ids", &[markers], &poses.ids)?;
+    out.whole("pose/ids", &[markers], ids)?;
     out.whole("pose/rms_px", &[times], &poses.rms_px)?;
     out.whole("pose/used", &[times], &poses.used)?;
     out.whole("pose/interpolated", &[times], &poses.interpolated.iter().map(|&i| u8::from(i)).collect::<Vec<_>>())

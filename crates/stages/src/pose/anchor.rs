@@ -14,25 +14,24 @@ use super::{
 use crate::{Mode, StageError};
 
 /// A frame from which tracks are followed.
-#[derive(Clone)]
 pub(super) struct Anchor {
     pub frame: usize,
     pub found: Found,
     /// What the markers look like from here on.
     pub looks: Looks,
-    /// Whether it is not known how fast the head moves there. Takes begin slowly.
-    pub at_unknown_speed: bool,
+    /// Whether it is a correction: how fast the head moves there is not known.
+    pub is_correction: bool,
 }
 
 impl Anchor {
-    /// The frame in which the markers are labelled.
+    /// The first frame.
     pub fn first(tracker: &Tracker) -> Result<Self, StageError> {
-        let (frame, looks) = (tracker.input.labelled, tracker.looks.clone());
+        let (frame, looks) = (tracker.input.frames.start, tracker.looks.clone());
         let found = match tracker.mode {
             Mode::Paper => tracker.first_frame(),
             Mode::Robust => tracker.first_frame_settled(&tracker.images(frame)?),
         };
-        Ok(Self { frame, found, looks, at_unknown_speed: frame != tracker.input.frames.start })
+        Ok(Self { frame, found, looks, is_correction: false })
     }
 
     /// A corrected frame, and what was tracked up to it from the anchor before. Labelled points stay; other markers are
@@ -59,13 +58,13 @@ impl Anchor {
                 let off = point.distance(expected);
                 if off > tracker.settings.inlier_px {
                     let place = Place::view_frame(&tracker.input.rig.cameras[view].name, frame);
-                    let id = tracker.ids[m];
+                    let id = tracker.input.labels[m].id;
                     let fact = format!("the label of marker {id} is {off:.1} px from where the other points put it");
                     report.warn(place, fact, "the pose rests on the others more than on it");
                 }
             }
         }
-        Ok(Self { frame, found, looks, at_unknown_speed: true })
+        Ok(Self { frame, found, looks, is_correction: true })
     }
 }
 
@@ -77,8 +76,8 @@ fn labelled(
     looks: &mut Looks,
 ) -> Result<Points, StageError> {
     let input = tracker.input;
-    let number: BTreeMap<u32, usize> = tracker.ids.iter().enumerate().map(|(m, &id)| (id, m)).collect();
-    let mut points: Points = vec![vec![None; tracker.ids.len()]; images.len()];
+    let number: BTreeMap<u32, usize> = input.labels.iter().enumerate().map(|(m, label)| (label.id, m)).collect();
+    let mut points: Points = vec![vec![None; input.labels.len()]; images.len()];
     for label in labels {
         let Some(&m) = number.get(&label.id) else { continue };
         for (&view, &point) in label.views.iter().filter(|(view, _)| **view < images.len()) {

@@ -12,43 +12,31 @@ use crate::{Mode, StageError};
 
 /// What every frame of the take shows.
 pub(super) fn all_frames(tracker: &Tracker, report: &mut Report) -> Result<Vec<Found>, StageError> {
-    let (frames, labelled) = (tracker.input.frames, tracker.input.labelled);
-    let base = Anchor::first(tracker)?;
-    let backward: Vec<usize> = (frames.start..labelled).rev().collect();
-    let forward: Vec<usize> = (labelled + 1..frames.end).collect();
-    let mut all = along(tracker, &base, &backward, report)?;
-    all.reverse();
-    all.push(base.found.clone());
-    all.extend(along(tracker, &base, &forward, report)?);
-    for (frame, found) in (frames.start..frames.end).zip(&all) {
-        tracker.report_lost(frame, found, report);
-    }
-    Ok(all)
-}
-
-/// What the frames of a path away from an anchor show, in that order. Between two labelled frames of the path each frame has
-/// what comes from the one, or back from the other.
-fn along(tracker: &Tracker, base: &Anchor, path: &[usize], report: &mut Report) -> Result<Vec<Found>, StageError> {
-    let corrections = tracker.input.corrections;
-    let (mut anchor, mut rest, mut all) = (base.clone(), path, Vec::with_capacity(path.len()));
-    while let Some(at) = rest.iter().position(|frame| corrections.contains_key(frame)) {
-        let (between, frame) = (&rest[..at], rest[at]);
-        let Swept { found: mut away, images: previous, looks } = swept(tracker, &anchor, between.iter().copied())?;
-        let before: Vec<Found> = std::iter::once(anchor.found.clone()).chain(away.iter().cloned()).collect();
+    let frames = tracker.input.frames;
+    let mut anchor = Anchor::first(tracker)?;
+    let mut all = vec![anchor.found.clone()];
+    let corrections = tracker.input.corrections.range(frames.start + 1..).filter(|(frame, _)| **frame < frames.end);
+    for (&frame, labels) in corrections {
+        let Swept { found: mut forward, images: previous, looks } = swept(tracker, &anchor, anchor.frame + 1..frame)?;
+        let before: Vec<Found> = std::iter::once(anchor.found.clone()).chain(forward.iter().cloned()).collect();
         let seen_before = (previous.as_slice(), before.as_slice());
-        let next = Anchor::corrected(tracker, (frame, &corrections[&frame]), seen_before, looks, report)?;
-        let back = swept(tracker, &next, between.iter().rev().copied())?.found;
-        for (t, (ahead, back)) in away.iter_mut().zip(back.into_iter().rev()).enumerate() {
-            let (from_before, from_next) = (t + 1, at - t);
-            if is_better(&back, ahead, from_next < from_before) {
+        let next = Anchor::corrected(tracker, (frame, labels.as_slice()), seen_before, looks, report)?;
+        let backward = swept(tracker, &next, (anchor.frame + 1..frame).rev())?.found;
+        for (t, (ahead, back)) in forward.iter_mut().zip(backward.into_iter().rev()).enumerate() {
+            let from_before = t + 1;
+            let is_nearer = frame - (anchor.frame + from_before) < from_before;
+            if is_better(&back, ahead, is_nearer) {
                 *ahead = back;
             }
         }
-        all.extend(away);
+        all.extend(forward);
         all.push(next.found.clone());
-        (anchor, rest) = (next, &rest[at + 1..]);
+        anchor = next;
     }
-    all.extend(swept(tracker, &anchor, rest.iter().copied())?.found);
+    all.extend(swept(tracker, &anchor, anchor.frame + 1..frames.end)?.found);
+    for (frame, found) in (frames.start..frames.end).zip(&all) {
+        tracker.report_lost(frame, found, report);
+    }
     Ok(all)
 }
 
@@ -83,7 +71,8 @@ fn swept(tracker: &Tracker, anchor: &Anchor, frames: impl Iterator<Item = usize>
                 tracker.posed_by_eq1(tracks, &found)
             }
             Mode::Robust => {
-                let more = usize::from(anchor.at_unknown_speed && found.len() == 1);
+                // At a correction the head may be in full motion, at an unknown speed.
+                let more = usize::from(anchor.is_correction && found.len() == 1);
                 let (next, after) = tracker.by_look(&images, &looks, &found, tracker.reach(&found, more));
                 looks = after;
                 next

@@ -9,7 +9,7 @@ use strandflow_geometry::{project::project, triangulate::triangulate};
 use strandflow_image::blob::Blob;
 
 use super::{
-    MarkerLabel, PoseInput, PoseSettings,
+    PoseInput, PoseSettings,
     sight::{SeenMarkers, Shutters, Sight, shutter_of},
     solve::{Seen, between, consensus, eq1, refine},
     track::{Look, by_flow},
@@ -36,28 +36,29 @@ pub(super) struct Found {
     pub shutters: Shutters,
 }
 
-/// What is known of the markers from their labels, and how they are found in other frames.
+/// What is known of the markers from the first frame's labels, and how they are found in others.
 pub(super) struct Tracker<'a> {
     pub input: &'a PoseInput<'a>,
     pub mode: Mode,
     pub settings: &'a PoseSettings,
-    /// Numbers of the markers; of those after `input.labels` nothing is known at first.
-    pub ids: Vec<u32>,
-    /// Look of every marker in the frame in which it is first labelled.
+    /// Look of every marker in the first frame.
     pub looks: Looks,
-    /// Marker points of the labelled frame.
+    /// Marker points of the first frame.
     first: Points,
-    /// Marker positions in head space \[mm\], which is here the world of the labelled frame.
+    /// Marker positions in head space \[mm\].
     pub model: Vec<Option<DVec3>>,
 }
 
 impl<'a> Tracker<'a> {
     pub fn start(input: &'a PoseInput<'a>, mode: Mode, settings: &'a PoseSettings) -> Result<Self, StageError> {
-        let place = Place::frame(input.labelled);
+        let place = Place::frame(input.frames.start);
         let too_few = |fact: String| StageError::Input {
             place: place.clone(),
             fact,
-            hint: format!("label at least {} markers, each in two or more views of one frame", settings.markers_needed),
+            hint: format!(
+                "label at least {} markers, each in two or more views of the first frame",
+                settings.markers_needed
+            ),
         };
         if input.labels.len() < settings.markers_needed {
             return Err(too_few(format!(
@@ -66,25 +67,20 @@ impl<'a> Tracker<'a> {
                 settings.markers_needed
             )));
         }
-        if !input.frames.contains(input.labelled) {
-            let fact = format!("the markers are labelled in frame {}, of frames {}", input.labelled, input.frames);
-            return Err(StageError::Input { place, fact, hint: "take frames that hold the labelled one".into() });
-        }
-        let (views, ids) = (input.rig.view_count(), all_ids(input));
+        let views = input.rig.view_count();
         let mut tracker = Self {
             input,
             mode,
             settings,
-            looks: vec![vec![None; ids.len()]; views],
-            first: vec![vec![None; ids.len()]; views],
-            ids,
+            looks: vec![vec![None; input.labels.len()]; views],
+            first: vec![vec![None; input.labels.len()]; views],
             model: Vec::new(),
         };
-        let images = tracker.images(input.labelled)?;
+        let images = tracker.images(input.frames.start)?;
         for (m, label) in input.labels.iter().enumerate() {
             for (&view, &point) in label.views.iter().filter(|(view, _)| **view < views) {
                 if !point.is_finite() {
-                    let place = Place::view_frame(&input.rig.cameras[view].name, input.labelled);
+                    let place = Place::view_frame(&input.rig.cameras[view].name, input.frames.start);
                     return Err(StageError::NonFinite { place, what: format!("label of marker {}", label.id) });
                 }
                 let (centre, look) = learnt(&images[view], point, settings.marker_radius_px);
@@ -101,51 +97,6 @@ impl<'a> Tracker<'a> {
             )));
         }
         Ok(tracker)
-    }
-
-    /// Gives markers that are first labelled in other frames their look and, by the poses of those frames, their place on the
-    /// head. Whether there are any that could be placed; the others are in the report.
-    pub fn place_later(&mut self, found: &[Found], report: &mut Report) -> Result<bool, StageError> {
-        let known = self.input.labels.len();
-        let mut places: Vec<Vec<DVec3>> = vec![Vec::new(); self.ids.len()];
-        for (&frame, labels) in self.input.corrections.range(self.input.frames.start..self.input.frames.end) {
-            let index = |label: &MarkerLabel| self.ids[known..].iter().position(|id| *id == label.id);
-            let later: Vec<(usize, &MarkerLabel)> =
-                labels.iter().filter_map(|l| Some((known + index(l)?, l))).collect();
-            if later.is_empty() {
-                continue;
-            }
-            let images = self.images(frame)?;
-            let mut points: Points = vec![vec![None; self.ids.len()]; images.len()];
-            for (m, label) in later.iter().copied() {
-                for (&view, &point) in label.views.iter().filter(|(view, _)| **view < images.len()) {
-                    let (centre, look) = learnt(&images[view], point, self.settings.marker_radius_px);
-                    points[view][m] = Some(centre);
-                    self.looks[view][m] = self.looks[view][m].or(look);
-                }
-            }
-            let there = &found[frame - self.input.frames.start];
-            for (m, point) in self.triangulated(&points).into_iter().enumerate() {
-                let Some(point) = point else { continue };
-                if there.is_known {
-                    places[m].push(there.pose.inverse().point(point));
-                } else {
-                    let fact =
-                        format!("marker {} is first labelled here, where the head's pose is not known", self.ids[m]);
-                    report.warn(Place::frame(frame), fact, "this label does not place it on the head");
-                }
-            }
-        }
-        for m in known..self.ids.len() {
-            self.lend_look(m);
-            if places[m].is_empty() {
-                let fact = format!("marker {} is in no frame labelled in two views that agree on it", self.ids[m]);
-                report.warn(Place::default(), fact, "it is not tracked");
-            } else {
-                self.model[m] = Some(places[m].iter().sum::<DVec3>() / places[m].len() as f64);
-            }
-        }
-        Ok(self.model[known..].iter().any(Option::is_some))
     }
 
     pub fn images(&self, frame: usize) -> Result<Vec<Arc<RgbImage>>, StageError> {
@@ -172,7 +123,7 @@ impl<'a> Tracker<'a> {
                 .collect();
             triangulate(&seen, self.settings.inlier_px).map(|t| t.point)
         };
-        (0..self.ids.len()).map(of).collect()
+        (0..self.input.labels.len()).map(of).collect()
     }
 
     pub fn first_frame(&self) -> Found {
@@ -381,18 +332,6 @@ impl<'a> Tracker<'a> {
         let known: Vec<DVec3> = self.model.iter().flatten().copied().collect();
         known.iter().sum::<DVec3>() / known.len().max(1) as f64
     }
-}
-
-/// The markers of the labelled frame, then those that are first labelled in others, in the order of frames.
-fn all_ids(input: &PoseInput) -> Vec<u32> {
-    let mut ids: Vec<u32> = input.labels.iter().map(|label| label.id).collect();
-    let others = input.corrections.range(input.frames.start..input.frames.end).flat_map(|(_, labels)| labels);
-    for label in others.filter(|label| !label.views.is_empty()) {
-        if !ids.contains(&label.id) {
-            ids.push(label.id);
-        }
-    }
-    ids
 }
 
 /// The points that were measured, not only expected.
