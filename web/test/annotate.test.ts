@@ -10,7 +10,8 @@ import type { P2, P3, WorkView } from '../src/annotate/camera.ts';
 import { distort, undistort } from '../src/annotate/lens.ts';
 import type { Lens } from '../src/annotate/lens.ts';
 import { History } from '../src/annotate/history.ts';
-import { labelsAt, putLabel, removeMarker } from '../src/annotate/labels.ts';
+import type { Keeper, Kept, Past } from '../src/annotate/history.ts';
+import { baseOf, framesOf, labelsAt, markersOf, putLabel, removeMarker } from '../src/annotate/labels.ts';
 import { nameOf } from '../src/annotate/keys.ts';
 import { greyPng } from '../src/annotate/png.ts';
 import { firstLook, fromHash, toHash } from '../src/annotate/state.ts';
@@ -136,20 +137,61 @@ test('a PNG holds the mask', async () => {
   assert.deepEqual([...rows].filter((_, i) => i % 8 !== 0), [...data]);
 });
 
-test('undo and redo go back and forth, and a new step ends what was undone', async () => {
-  const said: string[] = [];
-  const history = new History();
-  const step = (name: string) => history.add({ what: name, bytes: 100 * 2 ** 20, show: () => {}, undo: () => void said.push(`-${name}`), redo: () => void said.push(`+${name}`) });
-  step('a');
-  step('b');
+/** A history over documents in memory, and what it was asked to restore. */
+function recorded(past: Past | null = null, keeper: Keeper | null = null) {
+  const said: unknown[] = [];
+  const history = new History({ open: () => Promise.resolve(true), restore: (_, side) => void said.push(side) }, past, keeper);
+  const step = (name: string, path = '/a', bytes = 1) => history.add({ what: name, path, look: { frame: 0 }, before: `-${name}`, after: `+${name}`, bytes });
+  return { history, said, step };
+}
+
+test('steps are undone and redone in order, and old ones go when they are too large', async () => {
+  const { history, said, step } = recorded();
+  for (const name of ['a', 'b', 'c']) step(name, '/a', 100 * 2 ** 20);
   // 300 MB are more than are kept: the oldest goes.
-  step('c');
   await history.undo();
   await history.undo();
   await history.redo();
   assert.deepEqual(said, ['-c', '+c']);
-  step('d');
+  step('d', '/a', 100 * 2 ** 20);
   assert.deepEqual(history.depth, [1, 0]);
+});
+
+test('steps outlive the page, but not a change of their document by somebody else', async () => {
+  const steps = new Map<number, Kept>();
+  let order: Past = { done: [], undone: [], versions: new Map() };
+  const keeper: Keeper = {
+    put: (kept) => void steps.set(kept.n, kept),
+    drop: (numbers) => numbers.forEach((n) => steps.delete(n)),
+    order: (done, undone, versions) => { order = { done: done.map((n) => steps.get(n)!), undone: undone.map((n) => steps.get(n)!), versions: new Map(versions) }; },
+  };
+  const first = recorded(null, keeper);
+  first.history.opened('/a', '1');
+  first.history.opened('/b', '1');
+  first.step('a', '/a');
+  first.history.saved('/a', '2');
+  first.step('b', '/b');
+  first.history.saved('/b', '2');
+  first.step('c', '/a');
+  first.history.saved('/a', '3');
+  await first.history.undo();
+  first.history.saved('/a', '2');
+
+  const again = recorded(structuredClone(order), keeper);
+  again.history.opened('/a', '2');
+  assert.deepEqual(again.history.depth, [2, 1]);
+  await again.history.redo();
+  await again.history.undo();
+  await again.history.undo();
+  assert.deepEqual(again.said, ['+c', '-c', '-b']);
+
+  const dropped: string[] = [];
+  const changed = recorded(structuredClone(order), keeper);
+  changed.history.onDropped = (path) => dropped.push(path);
+  changed.history.opened('/a', 'another');
+  assert.deepEqual([changed.history.depth, dropped, [...steps.keys()]], [[0, 1], ['/a'], [1]]);
+  await changed.history.redo();
+  assert.deepEqual(changed.said, ['+b']);
 });
 
 test('the look in the address is read again, and nonsense is left', () => {
@@ -168,10 +210,23 @@ test('corrections come, stay in order, and go with their last label or their mar
   assert.deepEqual(labelsAt(doc, 9), [{ id: 2, views: { a: [3.14, 4] } }]);
   putLabel(doc, 9, 2, 'a', null);
   assert.deepEqual(doc.corrections?.map((c) => c.frame), [5]);
-  removeMarker(doc, 0, 2);
+  removeMarker(doc, 5, 2);
   assert.deepEqual([labelsAt(doc, 0).map((m) => m.id), labelsAt(doc, 5).map((m) => m.id)], [[1], [1]]);
   removeMarker(doc, 5, 1);
   assert.ok(doc.corrections?.length === 0 && labelsAt(doc, 0).length === 1);
+});
+
+test('markers begin in any frame, and tracks in the first that has enough', () => {
+  const doc: LabelDoc = { frame: 0, markers: [] };
+  for (let id = 0; id < 5; id++) for (const view of ['a', 'b']) putLabel(doc, 7, id, view, [id, id]);
+  putLabel(doc, 3, 6, 'a', [1, 1]);
+  assert.deepEqual([markersOf(doc), baseOf(doc, [0, 9]), baseOf(doc, [0, 7]), framesOf(doc, 6)], [[0, 1, 2, 3, 4, 6], 7, null, [3]]);
+  putLabel(doc, 8, 6, 'b', [1, 1]);
+  removeMarker(doc, 8, 6);
+  assert.deepEqual(framesOf(doc, 6), [3]);
+  putLabel(doc, 8, 6, 'b', [1, 1]);
+  removeMarker(doc, 3, 6);
+  assert.deepEqual(markersOf(doc), [0, 1, 2, 3, 4]);
 });
 
 test('keys have one name each', () => {

@@ -11,7 +11,7 @@ use crate::{
 };
 
 /// Fewest markers a pose rests on, each in two views or more; `run` refuses fewer.
-pub(crate) const MARKERS_NEEDED: usize = 5;
+pub(crate) const MARKERS_NEEDED: usize = strandflow_engine::sources::MARKERS_NEEDED;
 /// Thickness of the markers' cloud against its length below which they lie on a line: turning about it is not seen.
 const LINE: f64 = 0.05;
 
@@ -24,7 +24,7 @@ pub(crate) fn markers(evidence: &mut Evidence) -> Outcome {
     let mut findings = Vec::new();
     if usable < MARKERS_NEEDED {
         let fact = format!("{usable} markers are labelled in two or more views, at least {MARKERS_NEEDED} are needed");
-        let hint = "label more markers in the take's first frame, each in every view that sees it";
+        let hint = "label more markers in one frame of the take, each in every view that sees it";
         findings
             .push(Finding::cannot("few-markers", "labels", fact).suffers("pose: no head pose in any frame").hint(hint));
     }
@@ -35,7 +35,7 @@ pub(crate) fn markers(evidence: &mut Evidence) -> Outcome {
         let place = format!("view {}", evidence.names(&blind));
         let finding = Finding::look("unlabelled-view", place, "no marker is labelled in it")
             .suffers("pose: the view does not help, and nothing here tells whether it is calibrated or in time")
-            .hint("label the markers that it sees in the first frame");
+            .hint(format!("label the markers that it sees in frame {}", evidence.labelled));
         findings.push(finding);
     }
     Outcome::of(measured, findings)
@@ -177,7 +177,7 @@ fn of_labels(evidence: &Evidence, rig: &Rig, labels: &[Label], now: &Agreement) 
         let fact = format!("marker {} lies {} from where the other views see it", labels[r.marker].id, px(r.px));
         Finding::look("label-off", format!("view {}", evidence.name(r.view)), fact)
             .suffers("pose: the marker is lost to this view")
-            .hint("look at the marker in this view's first frame, and label it again, or leave it out")
+            .hint(format!("look at the marker in frame {}, and label it again, or leave it out", evidence.labelled))
     }));
     findings
 }

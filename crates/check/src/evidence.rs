@@ -62,13 +62,15 @@ pub struct Evidence {
     pub settings: Settings,
     /// The views, in the order of the rig.
     pub views: Vec<ViewEvidence>,
-    /// The labelled markers of the first frame.
+    /// The frame that tracks begin from: the first with enough labels.
+    pub labelled: usize,
+    /// The markers labelled there.
     pub labels: Vec<Label>,
     /// Frames that all views have.
     pub frames: FrameRange,
     /// What was wrong with the files.
     pub trouble: Vec<Finding>,
-    /// Markers followed in every view, from the first frame on, made by `time`.
+    /// Markers followed in every view over the frames that `time` looks at.
     pub followed: Vec<Followed>,
     /// Views that `time` found out of step.
     pub out_of_time: Vec<usize>,

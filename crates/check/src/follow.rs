@@ -22,29 +22,44 @@ pub struct Followed {
 /// Frames in which a marker may be lost before it is given up: longer, and what comes back may be another.
 const PATIENCE: usize = 2;
 
-/// Follows the labelled markers of every view over some frames.
+/// Follows the labelled markers of every view over some frames, of which the labelled one is one: forward and backward from it.
 pub fn follow(evidence: &Evidence, frames: FrameRange) -> Vec<Followed> {
     (0..evidence.views.len()).into_par_iter().map(|view| follow_in(evidence, view, frames)).collect()
 }
 
 fn follow_in(evidence: &Evidence, view: usize, frames: FrameRange) -> Followed {
     let mut followed = Followed::default();
-    let Some(first) = evidence.image(view, frames.start) else { return followed };
+    let labelled = evidence.image(view, evidence.labelled).filter(|_| frames.contains(evidence.labelled));
+    let Some(labelled) = labelled else { return followed };
     let settings = &evidence.settings.pose;
-    let mut markers: BTreeMap<usize, Marker> = BTreeMap::new();
+    let mut begun: BTreeMap<usize, Marker> = BTreeMap::new();
     for (marker, label) in evidence.labels.iter().enumerate() {
-        let begun = label.views.get(&view).and_then(|&at| Marker::begin(&first, at, settings));
-        begun.into_iter().for_each(|begun| drop(markers.insert(marker, begun)));
+        let found = label.views.get(&view).and_then(|&at| Marker::begin(&labelled, at, settings));
+        found.into_iter().for_each(|found| drop(begun.insert(marker, found)));
     }
-    followed.change.push(None);
-    let mut before = first;
-    for frame in frames.start + 1..frames.end {
+    let mut ahead = begun.clone();
+    let mut before: Option<std::sync::Arc<strandflow_core::RgbImage>> = None;
+    for frame in frames.start..frames.end {
         let Some(image) = evidence.image(view, frame) else { break };
-        followed.change.push(Some(change(&before, &image)));
-        markers.values_mut().for_each(|marker| marker.step(&image, settings));
-        before = image;
+        followed.change.push(before.map(|before| change(&before, &image)));
+        if frame > evidence.labelled {
+            ahead.values_mut().for_each(|marker| marker.step(&image, settings));
+        }
+        before = Some(image);
     }
-    followed.tracks = markers.into_iter().map(|(marker, followed)| (marker, followed.track)).collect();
+    let mut back = begun;
+    for frame in (frames.start..evidence.labelled).rev() {
+        match evidence.image(view, frame) {
+            Some(image) => back.values_mut().for_each(|marker| marker.step(&image, settings)),
+            None => back.values_mut().for_each(|marker| marker.track.push(None)),
+        }
+    }
+    // Both hold the labelled frame. Where the footage ends before it, nothing is behind.
+    for (marker, back) in back {
+        let mut track: Vec<Option<DVec2>> = back.track.into_iter().rev().collect();
+        track.extend(ahead.remove(&marker).into_iter().flat_map(|ahead| ahead.track.into_iter().skip(1)));
+        followed.tracks.insert(marker, track);
+    }
     followed
 }
 
@@ -61,9 +76,10 @@ fn change(before: &strandflow_core::RgbImage, after: &strandflow_core::RgbImage)
 }
 
 /// A marker being followed.
+#[derive(Clone)]
 struct Marker {
     blob: Blob,
-    /// Its score in the first frame.
+    /// Its score in the labelled frame.
     score: f64,
     track: Vec<Option<DVec2>>,
     /// Where it was last, and its step a frame.

@@ -69,7 +69,7 @@ pub fn of_folder(root: &Path) -> Result<Evidence, EngineError> {
         let folder = root.join(&manifest.labels.hair_masks).join(&view.name);
         read_hair(view, &folder, frames.start, &mut trouble);
     }
-    let labels = read_labels(&root.join(&manifest.labels.markers), &views, frames.start, &mut trouble);
+    let (labelled, labels) = read_labels(&root.join(&manifest.labels.markers), &views, frames, &mut trouble);
     let mut evidence = Evidence {
         root: root.to_owned(),
         mended: rig.clone().unwrap_or_default(),
@@ -79,6 +79,7 @@ pub fn of_folder(root: &Path) -> Result<Evidence, EngineError> {
         gravity: DVec3::from_array(manifest.gravity),
         settings: manifest.settings.clone(),
         views,
+        labelled,
         labels,
         frames,
         trouble,
@@ -114,7 +115,7 @@ pub fn of_take(take: &Take) -> Result<Evidence, EngineError> {
         })
     };
     let views = names.map(view).collect::<Result<Vec<_>, EngineError>>()?;
-    let labels = take.sources().labels(&rig, frames.start)?;
+    let labels = take.sources().labels(&rig)?;
     let points =
         |views: BTreeMap<usize, [f64; 2]>| views.into_iter().map(|(view, at)| (view, DVec2::from_array(at))).collect();
     Ok(Evidence {
@@ -126,7 +127,8 @@ pub fn of_take(take: &Take) -> Result<Evidence, EngineError> {
         gravity: take.gravity(),
         settings: take.manifest().settings.clone(),
         views,
-        labels: labels.into_iter().map(|(id, views)| Label { id, views: points(views) }).collect(),
+        labelled: labels.frame,
+        labels: labels.markers.into_iter().map(|(id, views)| Label { id, views: points(views) }).collect(),
         frames,
         trouble: Vec::new(),
         followed: Vec::new(),
@@ -246,7 +248,13 @@ fn mask_size(view: &str, (w, h): (usize, usize), (iw, ih): (usize, usize)) -> Op
     ((w, h) != (iw, ih)).then(|| finding.hint("save masks at the size of the footage"))
 }
 
-fn read_labels(file: &Path, views: &[ViewEvidence], first: usize, trouble: &mut Vec<Finding>) -> Vec<Label> {
+/// The frame that tracks begin from, and its labels. Where no frame of the take has enough, those of the one with the most.
+fn read_labels(
+    file: &Path,
+    views: &[ViewEvidence],
+    frames: FrameRange,
+    trouble: &mut Vec<Finding>,
+) -> (usize, Vec<Label>) {
     let cannot = |fault, fact: String, hint: &str| {
         Finding::cannot(fault, "labels", fact).suffers("pose: no head pose in any frame").hint(hint)
     };
@@ -254,22 +262,30 @@ fn read_labels(file: &Path, views: &[ViewEvidence], first: usize, trouble: &mut 
         Ok(labels) => labels,
         Err(error) => {
             trouble.push(cannot("labels-unreadable", error.to_string(), &error.hint()));
-            return Vec::new();
+            return (frames.start, Vec::new());
         }
     };
-    if labels.frame != first {
-        let fact = format!("the labels are of frame {}, the take begins at frame {first}", labels.frame);
-        trouble.push(cannot(
-            "labels-frame",
-            fact,
-            "label the markers in the take's first frame, or begin the take there",
-        ));
-    }
+    let place = |name: &str| views.iter().position(|view| view.name == name);
+    let with = |inside: bool| {
+        labels.first_with(MARKERS_NEEDED, |frame| frames.contains(frame) == inside, |view| place(view).is_some())
+    };
+    let labelled = match (with(true), with(false)) {
+        (Ok(frame), _) => frame,
+        (Err(_), Ok(outside)) => {
+            let fact = format!("the markers are labelled in frame {outside}, the take has the frames {frames}");
+            let hint =
+                "label them in a frame of the take (any one will do), or let `frames` of the manifest reach there";
+            trouble.push(cannot("labels-frame", fact, hint));
+            outside
+        }
+        (Err((most, _)), Err(_)) => most,
+    };
     let mut found = Vec::new();
-    for marker in labels.markers {
+    let markers = labels.by_frame().remove(&labelled).unwrap_or_default();
+    for marker in markers {
         let mut label = Label { id: marker.id, views: Default::default() };
-        for (name, at) in marker.views {
-            let Some(view) = views.iter().position(|view| view.name == name) else { continue };
+        for (name, &at) in &marker.views {
+            let Some(view) = place(name) else { continue };
             let at = DVec2::from_array(at);
             if let Some(info) = views[view].info
                 && !(at.x >= 0.0 && at.y >= 0.0 && at.x <= info.width as f64 && at.y <= info.height as f64)
@@ -289,5 +305,5 @@ fn read_labels(file: &Path, views: &[ViewEvidence], first: usize, trouble: &mut 
         }
         found.push(label);
     }
-    found
+    (labelled, found)
 }

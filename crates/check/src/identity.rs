@@ -18,10 +18,10 @@ const OTHER_PLATE: f64 = 20.0;
 
 /// The check `identity`.
 pub(crate) fn check(evidence: &mut Evidence) -> Outcome {
-    let first: Vec<Option<Arc<RgbImage>>> =
-        (0..evidence.views.len()).into_par_iter().map(|view| evidence.image(view, evidence.frames.start)).collect();
-    let met = met_labels(evidence, &first);
-    let apart = plates_apart(evidence, &first);
+    let labelled: Vec<Option<Arc<RgbImage>>> =
+        (0..evidence.views.len()).into_par_iter().map(|view| evidence.image(view, evidence.labelled)).collect();
+    let met = met_labels(evidence, &labelled);
+    let apart = plates_apart(evidence, &labelled);
     let own = |table: &[Vec<Option<f64>>]| (0..table.len()).filter_map(|v| table[v][v]).collect::<Vec<f64>>();
     let (labels, plates) = (own(&met), own(&apart));
     if labels.is_empty() && plates.is_empty() {
@@ -62,9 +62,15 @@ pub(crate) fn check(evidence: &mut Evidence) -> Outcome {
         if met[view][view].is_some_and(|share| share < ON_MARKERS) {
             let share = 100.0 * met[view][view].unwrap_or(0.0);
             findings.push(
-                Finding::look("labels-off-markers", place.clone(), format!("{share:.0} % of its labels lie on something like a marker"))
-                    .suffers("pose: the view's markers are not followed")
-                    .hint("are the labels of this clip and of its first frame, and is pose.marker_radius_px the markers' radius?"),
+                Finding::look(
+                    "labels-off-markers",
+                    place.clone(),
+                    format!("{share:.0} % of its labels lie on something like a marker"),
+                )
+                .suffers("pose: the view's markers are not followed")
+                .hint(
+                    "are the labels of this clip and of this frame, and is pose.marker_radius_px the markers' radius?",
+                ),
             );
         }
         if apart[view][view].is_some_and(|codes| codes > OTHER_PLATE) {
@@ -84,11 +90,11 @@ pub(crate) fn check(evidence: &mut Evidence) -> Outcome {
 }
 
 /// Share of the labels of one view (column) that lie on markers in the footage of another (row).
-fn met_labels(evidence: &Evidence, first: &[Option<Arc<RgbImage>>]) -> Vec<Vec<Option<f64>>> {
+fn met_labels(evidence: &Evidence, images: &[Option<Arc<RgbImage>>]) -> Vec<Vec<Option<f64>>> {
     let views = evidence.views.len();
     let radius = evidence.settings.pose.marker_radius_px;
     let of = |footage: usize, labels: usize| {
-        let image = first[footage].as_ref()?;
+        let image = images[footage].as_ref()?;
         let points: Vec<_> = evidence.labels.iter().filter_map(|label| label.views.get(&labels).copied()).collect();
         let on_marker = |&&at: &&glam::DVec2| {
             let blob = Blob::learn(image, at, radius);
@@ -104,10 +110,10 @@ fn met_labels(evidence: &Evidence, first: &[Option<Arc<RgbImage>>]) -> Vec<Vec<O
 }
 
 /// Median difference in luma between the border of one view's footage (row) and of another's plate (column) \[codes\].
-fn plates_apart(evidence: &Evidence, first: &[Option<Arc<RgbImage>>]) -> Vec<Vec<Option<f64>>> {
+fn plates_apart(evidence: &Evidence, images: &[Option<Arc<RgbImage>>]) -> Vec<Vec<Option<f64>>> {
     let views = evidence.views.len();
     let of = |footage: usize, plate: usize| {
-        let (image, plate) = (first[footage].as_ref()?, evidence.views[plate].plate.as_ref()?);
+        let (image, plate) = (images[footage].as_ref()?, evidence.views[plate].plate.as_ref()?);
         ((image.width, image.height) == (plate.width, plate.height)).then_some(())?;
         let (w, h) = (image.width, image.height);
         // A tenth at the top and at both sides: the subject rarely reaches there.

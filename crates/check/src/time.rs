@@ -9,7 +9,7 @@ use crate::{
     labels::median,
 };
 
-/// Frames looked at from the take's first on: the labels are there. Longer, and a take of minutes takes minutes.
+/// Frames looked at, the labelled one among them. More, and a take of minutes takes minutes.
 const MOST_FRAMES: usize = 150;
 /// Delay that counts \[frames\]: markers and hair of a fast head move by 5 px a frame, and lines may be off by one.
 const DELAYED: f64 = 0.2;
@@ -20,7 +20,7 @@ const KNOWN: f64 = 0.1;
 
 /// The check `time`.
 pub(crate) fn check(evidence: &mut Evidence) -> Outcome {
-    let frames = FrameRange { end: evidence.frames.end.min(evidence.frames.start + MOST_FRAMES), ..evidence.frames };
+    let frames = looked_at(evidence);
     let left_out: Vec<usize> =
         (0..evidence.views.len()).filter(|view| evidence.distrusted.contains(view) || !evidence.fits(*view)).collect();
     if frames.len() < 3 || left_out.len() + 3 > evidence.views.len() {
@@ -43,6 +43,14 @@ pub(crate) fn check(evidence: &mut Evidence) -> Outcome {
         Err(why) if findings.is_empty() => Outcome::unjudged(why),
         Err(why) => Outcome::of(why, findings),
     }
+}
+
+/// The take's first frames; where the labels are not among them, those around the labels.
+fn looked_at(evidence: &Evidence) -> FrameRange {
+    let all = evidence.frames;
+    let is_early = evidence.labelled < all.start + MOST_FRAMES;
+    let start = if is_early { all.start } else { evidence.labelled - MOST_FRAMES / 2 };
+    FrameRange { start, end: all.end.min(start + MOST_FRAMES) }
 }
 
 /// What was measured; why nothing was.

@@ -70,7 +70,7 @@ pub struct View {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Labels {
-    /// Marker labels of the first frame (JSON).
+    /// Marker labels (JSON).
     pub markers: String,
     /// Folder of hair masks, `VIEW/FRAME.png` with six digits; the first frame's must be there, others correct.
     pub hair_masks: String,

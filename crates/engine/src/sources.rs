@@ -7,7 +7,7 @@ use std::{
 };
 
 use strandflow_core::{FrameRange, ImageSource, Mask, RgbImage, Rig};
-use strandflow_io::{IoError, LabelledMarker, TakeSource, ViewInput};
+use strandflow_io::{IoError, LabelledMarker, MarkerLabels, TakeSource, ViewInput};
 
 use crate::{
     EngineError, Manifest, Views,
@@ -16,6 +16,20 @@ use crate::{
 
 /// A labelled marker: its number, and its image points by view index.
 pub type NumberedMarker = (u32, BTreeMap<usize, [f64; 2]>);
+
+/// The markers of a take, as a person labelled them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TakeLabels {
+    /// The frame that tracks begin from: the first in which five markers are labelled in two views or more.
+    pub frame: usize,
+    /// All markers by rising number, with their labels in that frame; those that begin in another one have none there.
+    pub markers: Vec<NumberedMarker>,
+    /// Labels in other frames of the take.
+    pub corrections: BTreeMap<usize, Vec<NumberedMarker>>,
+}
+
+/// Markers, each in two views or more, that the labels of one frame must have.
+pub const MARKERS_NEEDED: usize = 5;
 
 impl From<IoError> for EngineError {
     fn from(error: IoError) -> Self {
@@ -72,8 +86,7 @@ impl Sources {
         };
         let sources = Self { images, files, names, plates, labels, hairs, subjects, frames };
         // Labels are read again by the stage; looked at now, so that hours of masks do not come before the error.
-        sources.labels(views.rig(), frames.start)?;
-        sources.corrections(views.rig())?;
+        sources.labels(views.rig())?;
         sources.must_begin_with_hair(frames.start)?;
         Ok(sources)
     }
@@ -116,40 +129,46 @@ impl Sources {
         &self.labels
     }
 
-    /// Marker labels of the take's first frame by view index in `rig`: (number, image points).
+    /// The labels of the take's frames, by view index in `rig`. Labels of frames that the take leaves out are of no use, and
+    /// of no harm.
     ///
     /// # Errors
-    /// `Input` where the file cannot be read, is of another frame, names views that are not there, or holds fewer than
-    /// five markers seen by two views.
-    pub fn labels(&self, rig: &Rig, first: usize) -> Result<Vec<NumberedMarker>, EngineError> {
+    /// `Input` where the file cannot be read, no frame of the take has five markers labelled in two views of `rig`, or a point
+    /// is outside its view.
+    pub fn labels(&self, rig: &Rig) -> Result<TakeLabels, EngineError> {
         let labels = strandflow_io::read_marker_labels(&self.labels)?;
-        let name = self.labels.display().to_string();
-        if labels.frame != first {
-            let fact = format!("the labels are of frame {}, the take begins at frame {first}", labels.frame);
-            return Err(EngineError::input(
-                name,
-                fact,
-                "label the markers in the take's first frame, or begin the take there",
-            ));
+        let takes_part = |view: &str| rig.view_named(view).is_some();
+        let frame = labels
+            .first_with(MARKERS_NEEDED, |frame| self.frames.contains(frame), takes_part)
+            .map_err(|most| self.too_few_labels(&labels, most))?;
+        let mut corrections = BTreeMap::new();
+        for (frame, markers) in labels.by_frame().into_iter().filter(|(frame, _)| self.frames.contains(*frame)) {
+            corrections.insert(frame, self.in_views(markers.to_vec(), frame, rig)?);
         }
-        let found = self.in_views(labels.markers, first, rig)?;
-        let usable = found.iter().filter(|(_, views)| views.len() >= 2).count();
-        if usable < 5 {
-            let fact =
-                format!("frame {first}: {usable} markers are labelled in two or more views, at least 5 are needed");
-            return Err(EngineError::input(name, fact, "label more markers, each in every view that sees it"));
-        }
-        Ok(found)
+        let mut all: BTreeMap<u32, BTreeMap<usize, [f64; 2]>> =
+            labels.markers.iter().map(|marker| (marker.id, BTreeMap::new())).collect();
+        all.extend(corrections.values().flatten().map(|(id, _)| (*id, BTreeMap::new())));
+        all.extend(corrections.remove(&frame).into_iter().flatten());
+        Ok(TakeLabels { frame, markers: all.into_iter().collect(), corrections })
     }
 
-    /// Corrections of markers in other frames, by frame.
-    ///
-    /// # Errors
-    /// `Input` where the file cannot be read or a point is outside its view.
-    pub fn corrections(&self, rig: &Rig) -> Result<BTreeMap<usize, Vec<NumberedMarker>>, EngineError> {
-        let labels = strandflow_io::read_marker_labels(&self.labels)?;
-        let of_frame = |(frame, markers)| Ok((frame, self.in_views(markers, frame, rig)?));
-        labels.corrections.into_iter().map(of_frame).collect()
+    /// Of labels of which no frame of the take has enough; `most` is the one with the most markers, and how many.
+    fn too_few_labels(&self, labels: &MarkerLabels, most: (usize, usize)) -> EngineError {
+        let (name, (frame, usable)) = (self.labels.display().to_string(), most);
+        let outside = labels.first_with(MARKERS_NEEDED, |frame| !self.frames.contains(frame), |_| true);
+        if let Ok(outside) = outside {
+            let fact = format!("the markers are labelled in frame {outside}, the take has the frames {}", self.frames);
+            let hint = "label five markers in a frame of the take (any one will do), or let `frames` of the manifest reach there";
+            return EngineError::input(name, fact, hint);
+        }
+        let fact = format!(
+            "frame {frame}: {usable} markers are labelled in two or more views, at least {MARKERS_NEEDED} are needed in one frame"
+        );
+        EngineError::input(
+            name,
+            fact,
+            "label more markers there, each in every view that sees it: `strandflow annotate TAKE`",
+        )
     }
 
     /// Markers by the index of the view, each within its image.

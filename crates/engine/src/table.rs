@@ -100,7 +100,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "pose",
         summary: "marker tracks and head poses",
-        version: 3,
+        version: 4,
         has_modes: true,
         settings: settings_of!(pose),
         phases: &[phase!("pose/pose", Take, Lead, rooms::pose)],

@@ -1,5 +1,6 @@
 //! Marker labels: JSON `{"frame": 0, "markers": [{"id": 0, "views": {"cam00": [u, v]}}], "corrections": [{"frame": 12,
-//! "markers": [...]}]}`. The markers are labelled in `frame`; corrections say where some of them are in other frames.
+//! "markers": [...]}]}`. The markers are labelled in `frame`; corrections say where they are in other frames, and may begin
+//! further ones.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -27,7 +28,7 @@ pub struct MarkerLabels {
     pub frame: usize,
     /// The markers, by rising number.
     pub markers: Vec<LabelledMarker>,
-    /// Where some of these markers are in other frames, by frame; by rising number.
+    /// Where some of these markers, or others, are in other frames, by frame; by rising number.
     pub corrections: BTreeMap<usize, Vec<LabelledMarker>>,
 }
 
@@ -59,8 +60,8 @@ struct LabelEntry {
 /// Reads marker labels.
 ///
 /// # Errors
-/// The file cannot be read, is not the JSON described above, names a marker twice in a frame, corrects a marker that is not
-/// labelled or a frame twice, or holds a non-finite number.
+/// The file cannot be read, is not the JSON described above, names a marker twice in a frame, corrects a frame twice or the one
+/// that is labelled, or holds a non-finite number.
 pub fn read_marker_labels(path: &Path) -> Result<MarkerLabels, IoError> {
     marker_labels_from_json(path, &read_text(path)?)
 }
@@ -81,11 +82,6 @@ pub fn marker_labels_from_json(path: &Path, text: &str) -> Result<MarkerLabels, 
         let corrected = of_one_frame(path, frame, corrected, shift)?;
         let wrong =
             |fact: String, hint: &str| Err(IoError::content(path, At { frame: Some(frame), ..At::FILE }, fact, hint));
-        let unknown = |id: u32| markers.binary_search_by_key(&id, |marker| marker.id).is_err();
-        if let Some(marker) = corrected.iter().find(|marker| unknown(marker.id)) {
-            let fact = format!("marker {} is corrected, but not labelled in frame {}", marker.id, file.frame);
-            return wrong(fact, "label it there too, or leave it out");
-        }
         if frame == file.frame {
             return wrong("the frame of the labels is also corrected".into(), "correct the labels themselves");
         }
@@ -119,6 +115,38 @@ fn of_one_frame(
 }
 
 impl MarkerLabels {
+    /// The labels by frame, those of [`Self::frame`] among them; frames without any are left out.
+    pub fn by_frame(&self) -> BTreeMap<usize, &[LabelledMarker]> {
+        let all = self.corrections.iter().map(|(&frame, markers)| (frame, markers.as_slice()));
+        all.chain([(self.frame, self.markers.as_slice())]).filter(|(_, markers)| !markers.is_empty()).collect()
+    }
+
+    /// The first of some frames in which at least `needed` markers are labelled in two views or more, of those views that count;
+    /// where there is none, the frame with the most of such markers, and how many these are (`frame` of the file and 0 where
+    /// nothing is labelled).
+    ///
+    /// # Errors
+    /// The second of these, as `(frame, markers)`.
+    pub fn first_with(
+        &self,
+        needed: usize,
+        is_wanted: impl Fn(usize) -> bool,
+        counts: impl Fn(&str) -> bool,
+    ) -> Result<usize, (usize, usize)> {
+        let mut most = (self.frame, 0);
+        for (frame, markers) in self.by_frame().into_iter().filter(|(frame, _)| is_wanted(*frame)) {
+            let is_usable = |marker: &&LabelledMarker| marker.views.keys().filter(|view| counts(view)).count() >= 2;
+            let usable = markers.iter().filter(is_usable).count();
+            if usable >= needed {
+                return Ok(frame);
+            }
+            if usable > most.1 {
+                most = (frame, usable);
+            }
+        }
+        Err(most)
+    }
+
     /// The JSON of a file of these labels.
     pub fn to_json(&self) -> String {
         let entries = |markers: &[LabelledMarker]| {
@@ -162,6 +190,9 @@ mod tests {
         assert_eq!((labels.frame, labels.markers.len()), (2, 2));
         assert_eq!((labels.markers[0].id, labels.markers[1].views["b"]), (1, [3.0, 4.0]));
         assert_eq!((labels.corrections[&9][0].id, labels.corrections[&9][0].views["b"]), (3, [7.0, 8.0]));
+        let begun = GOOD.replace("[{\"id\": 3, \"views\": {\"b\": [7", "[{\"id\": 4, \"views\": {\"b\": [7");
+        let begun = marker_labels_from_json(Path::new("m.json"), &begun).unwrap();
+        assert_eq!((begun.markers.len(), begun.corrections[&9][0].id), (2, 4), "markers may begin in any frame");
         let of_one_frame = r#"{"markers": [{"id": 0, "views": {"a": [1, 2]}}]}"#;
         let labels = marker_labels_from_json(Path::new("m.json"), of_one_frame).unwrap();
         assert!(labels.frame == 0 && labels.markers.len() == 1 && labels.corrections.is_empty());
@@ -190,14 +221,30 @@ mod tests {
         let said = |from: &str, to: &str| {
             marker_labels_from_json(Path::new("m.json"), &GOOD.replace(from, to)).unwrap_err().to_string()
         };
-        assert!(
-            said("[{\"id\": 3, \"views\": {\"b\": [7", "[{\"id\": 4, \"views\": {\"b\": [7")
-                .contains("frame 9: marker 4")
-        );
         assert!(said("\"frame\": 9", "\"frame\": 2").contains("frame 2: the frame of the labels"));
         assert!(
             said("}]}]}", "}]}, {\"frame\": 9, \"markers\": []}]}").contains("frame 9: the frame is corrected twice")
         );
+    }
+
+    #[test]
+    fn tracks_begin_in_the_first_frame_with_enough_labels() {
+        let marker = |id: u32, views: &[&str]| LabelledMarker {
+            id,
+            views: views.iter().map(|view| ((*view).to_owned(), [1.0, 2.0])).collect(),
+        };
+        let few = vec![marker(0, &["a", "b"]), marker(1, &["a"])];
+        let labels = MarkerLabels {
+            frame: 7,
+            markers: vec![marker(0, &["a", "b"]), marker(1, &["a", "b", "c"])],
+            corrections: BTreeMap::from([(3, few.clone()), (9, few)]),
+        };
+        assert_eq!(labels.by_frame().into_keys().collect::<Vec<_>>(), [3, 7, 9]);
+        assert_eq!(labels.first_with(2, |_| true, |_| true), Ok(7));
+        assert_eq!(labels.first_with(1, |_| true, |_| true), Ok(3));
+        assert_eq!(labels.first_with(2, |_| true, |view| view != "b"), Err((7, 1)));
+        assert_eq!(labels.first_with(2, |frame| frame > 7, |_| true), Err((9, 1)));
+        assert_eq!(MarkerLabels { frame: 4, ..MarkerLabels::default() }.first_with(5, |_| true, |_| true), Err((4, 0)));
     }
 
     proptest! {

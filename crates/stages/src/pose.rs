@@ -1,5 +1,5 @@
-//! Stage 3: markers tracked from labels in the first frame and corrections in later ones, and the rigid head pose of every
-//! frame (eq. 1).
+//! Stage 3: markers tracked from the labels of a frame and corrections in others, and the rigid head pose of every frame
+//! (eq. 1).
 
 use std::collections::BTreeMap;
 
@@ -10,6 +10,7 @@ use strandflow_core::{FrameRange, ImageSource, Report, Rig, RigidTransform};
 use crate::{Mode, SettingViolation, StageError};
 
 mod anchor;
+mod late;
 mod sight;
 mod solve;
 mod sweep;
@@ -36,9 +37,11 @@ pub struct PoseInput<'a> {
     pub images: &'a dyn ImageSource,
     /// The frames of the take.
     pub frames: FrameRange,
-    /// Labels in the first frame.
+    /// The frame that tracks begin from, forward and backward: the first in which enough markers are labelled.
+    pub labelled: usize,
+    /// All markers, with their labels in that frame; those that begin in another one have none there.
     pub labels: &'a [MarkerLabel],
-    /// Where some of these markers are in later frames, by frame.
+    /// Where some of these markers are in other frames, by frame.
     pub corrections: &'a BTreeMap<usize, Vec<MarkerLabel>>,
 }
 
@@ -48,7 +51,8 @@ pub struct HeadPoses {
     /// Motion of the head from the first frame to each frame, in world coordinates (eq. 1's C^t). Head space is the
     /// world of the first frame.
     pub world_from_head: Vec<RigidTransform>,
-    /// Marker positions \[mm\], shape (T, M); `None` where not triangulated.
+    /// Marker positions \[mm\], shape (T, M); `None` where not triangulated. In the first frame where the head's pose puts
+    /// all that have a place on the head, seen there or not.
     pub markers: Vec<Vec<Option<DVec3>>>,
     /// Marker image points \[px\], shape (T, views, M); `None` where lost or occluded. In robust mode at most half way
     /// from where the pose puts them to where they were measured; of a marker that is hidden in part, less.
@@ -125,15 +129,22 @@ impl PoseSettings {
 /// *Deviation*: the paper follows markers by flow and uses eq. 1 alone, as paper mode does; a marker lost there stays lost
 /// until a correction finds it again (measured: `docs/results.md`, "Markers").
 ///
-/// From each correction tracks are followed forward to the next one and backward to the one before; between two, every frame
-/// has those that see more of the markers, and where both see as much those of the nearer one.
+/// From the labelled frame tracks are followed to both ends of the take, and from each correction to its neighbours; between
+/// two, every frame has those that see more of the markers, and where both see as much those of the nearer one.
+///
+/// A marker that begins in a correction gets its place on the head by the head's pose there, from two views or more, be they of
+/// several frames; then it is followed over the whole take like the others.
+///
+/// # Errors
+/// Too few markers in the labelled frame, or that frame is not among the frames; an image cannot be had; a label is not finite.
 pub fn pose(
     input: &PoseInput,
     mode: Mode,
     settings: &PoseSettings,
     report: &mut Report,
 ) -> Result<HeadPoses, StageError> {
-    let tracker = Tracker::start(input, mode, settings)?;
+    let mut tracker = Tracker::start(input, mode, settings)?;
+    late::place_all(&mut tracker, report)?;
     let found = sweep::all_frames(&tracker, report)?;
     let mut poses = HeadPoses {
         world_from_head: found.iter().map(|f| f.pose).collect(),
@@ -148,7 +159,24 @@ pub fn pose(
         poses.tracks.push(frame.tracks);
     }
     interpolate(&mut poses, tracker.centre());
+    from_first_frame(&mut poses, &tracker.model);
     Ok(poses)
+}
+
+/// Makes the world of the first frame the head's space, which was that of the labelled frame up to here.
+fn from_first_frame(poses: &mut HeadPoses, model: &[Option<DVec3>]) {
+    let (Some(first), Some(markers)) = (poses.world_from_head.first().copied(), poses.markers.first_mut()) else {
+        return;
+    };
+    if first == RigidTransform::IDENTITY {
+        *markers = model.to_vec();
+        return;
+    }
+    *markers = model.iter().map(|known| known.map(|known| first.point(known))).collect();
+    let labelled_from_head = first.inverse();
+    poses.world_from_head.iter_mut().for_each(|pose| *pose = pose.after(&labelled_from_head));
+    // What rounding leaves of no motion is none.
+    poses.world_from_head[0] = RigidTransform::IDENTITY;
 }
 
 /// Replaces the poses of frames without enough markers by those between their neighbours.

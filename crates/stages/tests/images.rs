@@ -281,8 +281,19 @@ impl Balls {
         mode: Mode,
         settings: &pose::PoseSettings,
     ) -> Result<pose::HeadPoses, StageError> {
+        self.poses_from(0, labels, corrections, mode, settings)
+    }
+
+    fn poses_from(
+        &self,
+        labelled: usize,
+        labels: &[pose::MarkerLabel],
+        corrections: &BTreeMap<usize, Vec<pose::MarkerLabel>>,
+        mode: Mode,
+        settings: &pose::PoseSettings,
+    ) -> Result<pose::HeadPoses, StageError> {
         let frames = FrameRange { start: 0, end: 6 };
-        let input = pose::PoseInput { rig: &self.rig, images: &self.source, frames, labels, corrections };
+        let input = pose::PoseInput { rig: &self.rig, images: &self.source, frames, labelled, labels, corrections };
         pose::pose(&input, mode, settings, &mut Report::default())
     }
 
@@ -341,10 +352,91 @@ fn a_correction_holds_forward_and_backward() {
     // A label that contradicts all others is told, and moves the pose little.
     corrections.get_mut(&4).unwrap()[0].views.insert(1, DVec2::new(20.0, 20.0));
     let frames = FrameRange { start: 0, end: 6 };
-    let input =
-        pose::PoseInput { rig: &scene.rig, images: &scene.source, frames, labels: &labels, corrections: &corrections };
+    let input = pose::PoseInput {
+        rig: &scene.rig,
+        images: &scene.source,
+        frames,
+        labelled: 0,
+        labels: &labels,
+        corrections: &corrections,
+    };
     let mut report = Report::default();
     let found = pose::pose(&input, Mode::Robust, &settings, &mut report).unwrap();
     assert!(report.findings.iter().any(|f| f.fact.contains("marker 0 is")), "{:?}", report.findings);
     assert!(scene.off(&found, 4).1 < 1.0, "{:?}", scene.off(&found, 4));
+}
+
+/// Labelled in the middle of the take alone, the head is followed to both ends of it.
+#[test]
+fn labels_of_a_later_frame_hold_forward_and_backward() {
+    let scene = Balls::moving(|t| {
+        let angle = 0.05 * t as f64;
+        RigidTransform { rotation: DMat3::from_rotation_y(angle), translation: DVec3::new(1.5 * t as f64, -0.5, 0.0) }
+    });
+    let (none, settings) = (BTreeMap::new(), pose::PoseSettings::default());
+    for (mode, degrees) in [(Mode::Robust, 0.2), (Mode::Paper, 3.0)] {
+        let found = scene.poses_from(3, &scene.labels(3, 7, 3), &none, mode, &settings).unwrap();
+        assert_eq!(found.world_from_head[0], RigidTransform::IDENTITY, "head space is the first frame's world");
+        for t in 0..6 {
+            let (turn, shift) = scene.off(&found, t);
+            println!("{mode:?} frame {t}: {turn:.3} degrees, {shift:.3} mm");
+            assert!(
+                turn < degrees && shift < 5.0 * degrees && !found.interpolated[t],
+                "{mode:?} frame {t}: {turn}, {shift}"
+            );
+        }
+        let first = found.markers[0][2].unwrap().distance((scene.pose_at)(0).point(scene.balls[2]));
+        assert!(first < 3.0 * degrees, "{mode:?}: the markers are where the first frame has them: {first} mm off");
+    }
+    let outside = scene.poses_from(6, &scene.labels(3, 7, 3), &none, Mode::Robust, &settings).unwrap_err();
+    assert!(outside.to_string().contains("outside the frames 0..6"), "{outside}");
+}
+
+/// A marker that is first labelled in frame 4 gets its place by the head's pose there and is seen in all frames; so is one that
+/// one view shows in frame 2 and another in frame 4. One that a single view shows has no place, and that is told.
+#[test]
+fn a_marker_may_begin_in_any_frame() {
+    let scene = Balls::moving(|t| {
+        let angle = 0.03 * t as f64;
+        RigidTransform { rotation: DMat3::from_rotation_y(angle), translation: DVec3::new(1.5 * t as f64, -0.5, 0.0) }
+    });
+    let mut labels = scene.labels(0, 7, 3);
+    (5..7).for_each(|m| labels[m].views.clear());
+    labels.push(pose::MarkerLabel { id: 9, views: BTreeMap::new() });
+    let of = |t: usize, m: usize, views: &[usize]| {
+        let mut label = scene.labels(t, 7, 3)[m].clone();
+        label.views.retain(|view, _| views.contains(view));
+        label
+    };
+    let mut nine = of(4, 0, &[1]);
+    nine.id = 9;
+    let corrections = BTreeMap::from([(2, vec![of(2, 6, &[0])]), (4, vec![of(4, 5, &[0, 2]), of(4, 6, &[2]), nine])]);
+    let input = |labels| pose::PoseInput {
+        rig: &scene.rig,
+        images: &scene.source,
+        frames: FrameRange { start: 0, end: 6 },
+        labelled: 0,
+        labels,
+        corrections: &corrections,
+    };
+    for mode in [Mode::Robust, Mode::Paper] {
+        let mut report = Report::default();
+        let found = pose::pose(&input(&labels), mode, &pose::PoseSettings::default(), &mut report).unwrap();
+        for m in [5, 6] {
+            let off = found.markers[0][m].unwrap().distance((scene.pose_at)(0).point(scene.balls[m]));
+            println!("{mode:?} marker {m}: {off:.3} mm");
+            assert!(off < if mode == Mode::Robust { 0.5 } else { 5.0 }, "{mode:?} marker {m}: {off} mm off");
+        }
+        assert!(
+            found.markers[0][7].is_none()
+                && report.findings.iter().any(|f| f.fact.contains("marker 9 is not labelled"))
+        );
+        if mode == Mode::Robust {
+            for (t, views) in found.tracks.iter().enumerate() {
+                let seen = |m: usize| views.iter().flat_map(|view| view[m]).count();
+                assert!(seen(5) >= 2 && seen(6) >= 2, "frame {t}: {} and {}", seen(5), seen(6));
+            }
+            assert!((1..6).all(|t| found.used[t] == 7), "{:?}", found.used);
+        }
+    }
 }

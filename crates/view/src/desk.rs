@@ -57,6 +57,8 @@ pub struct MaskFound {
 /// What there is to label.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Work {
+    /// Tells takes apart: that of the same folder is the same whenever it is opened.
+    pub id: String,
     /// The folder's name.
     pub name: String,
     /// Frames a second.

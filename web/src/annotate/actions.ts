@@ -18,12 +18,11 @@ export function actions(app: App): Action[] {
     { key, run: () => app.nudge(NEAR * x, NEAR * y) },
     { key: `shift+${key}`, run: () => app.nudge(FAR * x, FAR * y) },
   ]);
-  const redraw = (done: Promise<void>) => void done.then(() => app.redraw());
   const quiet = (keys: string[], run: () => void): Action => ({ keys, show: [], text: '', group: '', run });
   const listed: Action[] = [
     ...TOOLS.map((tool, i): Action => ({ keys: [String(i + 1)], text: TOOL_WORDS[tool], group: 'Tools', run: () => app.set({ tool }) })),
-    { keys: ['ctrl+z', 'u'], show: ['Ctrl Z', 'u'], text: 'undo', group: 'Tools', run: () => redraw(app.history.undo()) },
-    { keys: ['ctrl+shift+z', 'ctrl+y', 'shift+u'], show: ['Ctrl Y', 'Shift u'], text: 'redo', group: 'Tools', run: () => redraw(app.history.redo()) },
+    { keys: ['ctrl+z', 'u'], show: ['Ctrl Z', 'u'], text: 'undo', group: 'Tools', run: () => app.undo() },
+    { keys: ['ctrl+shift+z', 'ctrl+y', 'shift+u'], show: ['Ctrl Y', 'Shift u'], text: 'redo', group: 'Tools', run: () => app.redo() },
     { keys: ['Escape'], text: 'let go of what is selected', group: 'Tools', run: () => app.letGo() },
     { keys: ['?'], text: 'these keys', group: 'Tools', run: () => byId<HTMLDialogElement>('help').showModal() },
 
@@ -47,7 +46,8 @@ export function actions(app: App): Action[] {
 
     { keys: ['n'], text: 'new marker, new strand; take a carried mask for yours', group: 'Markers and strands', run: () => app.tool.fresh() },
     { keys: ['j'], show: ['j', 'k'], text: 'the next, the one before', group: 'Markers and strands', run: () => app.tool.step(1) },
-    { keys: ['m'], text: 'take what is predicted in this view for the label', group: 'Markers and strands', run: () => { if (at().tool === 'markers') app.markers.accept(); } },
+    { keys: ['m'], show: ['m'], text: 'take what is predicted in this view for the label; with Shift, and go on to the next view without one', group: 'Markers and strands', run: () => { if (at().tool === 'markers') app.markers.accept(); } },
+    { keys: ['v'], show: ['v'], text: 'the next view that predicts it and has no label; with Shift back', group: 'Markers and strands', run: () => { if (at().tool === 'markers') app.markers.goOn(1); } },
     { keys: ['Delete', 'Backspace'], show: ['Del'], text: 'remove it in this view; take a mask back', group: 'Markers and strands', run: () => app.tool.remove(false) },
     { keys: ['shift+Delete', 'shift+Backspace'], show: ['Shift Del'], text: 'remove it in all views; clear a mask', group: 'Markers and strands', run: () => app.tool.remove(true) },
   ];
@@ -57,6 +57,8 @@ export function actions(app: App): Action[] {
     quiet(['ArrowRight'], go(1)), quiet(['shift+ArrowLeft'], go(-10)), quiet(['shift+ArrowRight'], go(10)),
     quiet(['End'], () => app.go(app.work.frames[1] - 1)), quiet(['PageDown'], () => app.stepKept(1)), quiet([']'], () => app.stepView(1)),
     quiet(['='], () => app.bench.zoomBy(1.5, app.spot().at)), quiet(['-'], () => app.bench.zoomBy(1 / 1.5, app.spot().at)), quiet(['0'], () => app.set({ zoom: null })),
+    quiet(['shift+m'], () => { if (at().tool === 'markers' && app.markers.accept()) app.markers.goOn(1); }),
+    quiet(['shift+v'], () => { if (at().tool === 'markers') app.markers.goOn(-1); }),
     quiet(['k'], () => app.tool.step(-1)), quiet(['.'], () => app.brush(1)),
     ...app.views.slice(0, 9).map((view, i) => quiet([`alt+${i + 1}`], () => app.set({ view: view.name }))),
   ];

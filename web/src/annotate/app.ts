@@ -10,10 +10,12 @@ import { Bench } from './bench.ts';
 import { epipolar, lookedAt } from './camera.ts';
 import type { P2, P3, WorkView } from './camera.ts';
 import { History } from './history.ts';
+import type { Past, Step } from './history.ts';
 import { Images } from './images.ts';
 import { Keys } from './keys.ts';
 import { Markers } from './markers.ts';
 import { Masks } from './masks.ts';
+import type { Memory } from './memory.ts';
 import { Sketches } from './sketch.ts';
 import { TOOLS, clampFrame, fromHash, toHash } from './state.ts';
 import type { Look, ToolName } from './state.ts';
@@ -28,11 +30,17 @@ import type { Work } from './wire.ts';
 /** Width of the small views' images [px]. */
 const SMALL = 320;
 const REMEMBER_MS = 250;
+/** How long it is said what was undone. */
+const TOLD_MS = 4000;
+/** Coming back sooner than that, nothing is asked anew. */
+const REFRESH_MS = 3000;
+
+const describe = ({ what, look }: Step) => `${what}, ${look.view}, frame ${look.frame}`;
 
 export class App implements Room {
   readonly views: WorkView[];
   readonly centre: P3;
-  readonly history = new History();
+  readonly history: History;
   readonly saver: Saver;
   readonly tools: Record<ToolName, Tool>;
   readonly markers: Markers;
@@ -52,12 +60,18 @@ export class App implements Room {
   /** Counted, so that what is as it was is not drawn again. */
   private readonly changes = { all: 0, view: 0, drawn: -1 };
   private isAlive = true;
+  /** What was undone or redone last, for a moment. */
+  private told = '';
+  private toldDue = 0;
+  private refreshed = 0;
 
-  constructor(readonly api: Api, readonly work: Work) {
+  constructor(readonly api: Api, readonly work: Work, private readonly memory: Memory | null, past: Past | null) {
     this.views = work.views;
     this.centre = lookedAt(work.views);
     this.look = fromHash(location.hash, work);
-    this.saver = new Saver(api, () => this.redraw(), (error) => this.error(error), () => this.renew());
+    this.history = new History({ open: (step) => this.goTo(step), restore: (step, side) => this.tool.restore(step, side) }, past, memory);
+    this.history.onDropped = () => this.say('Something else changed what you had labelled or painted here.', 'What you did to it before cannot be undone any more.');
+    this.saver = new Saver(api, this.history, () => this.redraw(), (error) => this.error(error), () => this.renew());
     this.images = new Images(api, () => this.redraw());
     this.markers = new Markers(this);
     this.tools = { markers: this.markers, hair: new Masks(this, 'hair'), subject: new Masks(this, 'subject'), strands: new Sketches(this) };
@@ -70,11 +84,12 @@ export class App implements Room {
       up: () => this.tool.up(),
       hover: (spot) => { this.byKeys = false; this.cursor = spot?.at ?? null; this.redraw('cursor'); },
     });
-    this.strip = new Strip(this.views, (view) => this.set({ view, sheet: false }));
+    this.strip = new Strip(this.views, (view) => this.set({ view, sheet: false }), (spot) => this.actIn(spot));
     this.timeline = new Timeline(work, (frame) => this.go(frame));
     this.furnish();
     new Keys(actions(this));
     addEventListener('pagehide', () => this.rememberNow());
+    addEventListener('focus', () => this.comeBack());
     addEventListener('resize', () => { this.strip.layout(); this.redraw(); });
     this.arrive();
   }
@@ -85,8 +100,8 @@ export class App implements Room {
     for (const button of byId('tools').querySelectorAll('button')) {
       button.addEventListener('click', () => this.set({ tool: button.dataset.value as ToolName }));
     }
-    byId('undo').addEventListener('click', () => void this.history.undo().then(() => this.redraw()));
-    byId('redo').addEventListener('click', () => void this.history.redo().then(() => this.redraw()));
+    byId('undo').addEventListener('click', () => this.undo());
+    byId('redo').addEventListener('click', () => this.redo());
     byId('keys').addEventListener('click', () => byId<HTMLDialogElement>('help').showModal());
     byId('all-views').addEventListener('click', () => this.set({ sheet: !this.look.sheet }));
     for (const note of this.work.notes) this.say(note.fact, note.hint);
@@ -160,7 +175,45 @@ export class App implements Room {
     this.set({ frame: clampFrame(this.work, frame) });
   }
 
+  // ---- undo
+
+  undo(): void {
+    void this.history.undo().then((step) => this.tell('Undone', step));
+  }
+
+  redo(): void {
+    void this.history.redo().then((step) => this.tell('Done again', step));
+  }
+
+  /** Goes to where a step happened; whether its document is there. */
+  private async goTo(step: Step): Promise<boolean> {
+    this.set({ ...step.look, view: this.view(step.look.view ?? this.look.view).name });
+    const isThere = await this.tool.ready();
+    if (!isThere) this.say('This cannot be undone now: what it changed could not be read.');
+    return isThere;
+  }
+
+  private tell(done: string, step: Step | null): void {
+    clearTimeout(this.toldDue);
+    this.told = step ? `${done}: ${describe(step)}` : '';
+    this.toldDue = window.setTimeout(() => { this.told = ''; this.redraw(); }, TOLD_MS);
+    this.redraw();
+  }
+
+  /** A run may have been made while the person was elsewhere. */
+  private comeBack(): void {
+    if (Date.now() - this.refreshed < REFRESH_MS) return;
+    this.refreshed = Date.now();
+    for (const tool of Object.values(this.tools)) tool.refresh();
+  }
+
   // ---- hands
+
+  /** Works in a small view where it was clicked. */
+  private actIn(spot: Spot): void {
+    if (this.tool === this.markers) this.markers.act({ ...spot, at: within(spot.view, spot.at) });
+    else this.set({ view: spot.view.name, sheet: false });
+  }
 
   private down(spot: Spot, event: PointerEvent): void {
     // Shift chooses what is there instead of drawing over it.
@@ -245,6 +298,7 @@ export class App implements Room {
       image: this.images.get(Images.path(small.name, look.frame, SMALL)),
       focus: look.close ? tool.focus(small) : null,
       caption: tool.caption(small),
+      tone: tool.tone(small),
       isCurrent: small === view,
       change: `${this.changes.all} ${small === view ? this.changes.view : ''}`,
       draw: (ink, px) => { if (look.overlay) tool.draw(ink, small, px, false); },
@@ -275,14 +329,18 @@ export class App implements Room {
     const { look } = this;
     for (const button of byId('tools').querySelectorAll('button')) button.setAttribute('aria-pressed', String(button.dataset.value === look.tool));
     const [done, undone] = this.history.depth;
-    byId<HTMLButtonElement>('undo').disabled = done === 0;
-    byId<HTMLButtonElement>('redo').disabled = undone === 0;
+    const ends = this.history.ends;
+    for (const [i, [name, count, keys]] of ([['undo', done, 'Ctrl Z, u'], ['redo', undone, 'Ctrl Y, Shift u']] as const).entries()) {
+      const [button, step] = [byId<HTMLButtonElement>(name), ends[i]];
+      button.disabled = count === 0;
+      button.title = step ? `${describe(step)} (${keys})` : keys;
+    }
     byId('all-views').setAttribute('aria-pressed', String(look.sheet));
     const { waiting, trouble } = this.saver;
     const saved = byId('saved');
     saved.dataset.state = trouble ? 'trouble' : waiting ? 'busy' : 'saved';
     saved.textContent = trouble ? `Not saved: ${trouble}` : waiting ? 'Saving …' : 'All saved';
-    byId('where').textContent = `${look.view}${this.penIsDown ? ' · pen down' : ''}${look.overlay ? '' : ' · overlays hidden'}`;
+    byId('where').textContent = `${look.view}${this.penIsDown ? ' · pen down' : ''}${look.overlay ? '' : ' · overlays hidden'}${this.told ? ` · ${this.told}` : ''}`;
     this.timeline.show(look.frame, this.tool.frames());
   }
 
@@ -320,7 +378,7 @@ export class App implements Room {
   }
 
   get atRest(): boolean {
-    return this.images.atRest && this.tool.atRest && this.saver.waiting === 0 && this.due === 0 && this.rememberDue === 0;
+    return (this.memory?.atRest ?? true) && this.images.atRest && this.tool.atRest && this.saver.waiting === 0 && this.due === 0 && this.rememberDue === 0;
   }
 
   async settled(): Promise<void> {

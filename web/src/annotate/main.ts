@@ -4,13 +4,15 @@ import { Api, takeToken } from '../api.ts';
 import { cover } from '../cover.ts';
 import { byId } from '../dom.ts';
 import { App } from './app.ts';
+import { Memory } from './memory.ts';
 import type { Work } from './wire.ts';
 
 async function start(): Promise<App> {
   let app: App | null = null;
   const api = new Api(takeToken(), (alive) => app?.alive(alive));
   const work = await api.json<Work>('/api/work');
-  app = new App(api, work);
+  const { memory, past } = await Memory.open(work.id);
+  app = new App(api, work, memory, past);
   byId('cover').hidden = true;
   return app;
 }

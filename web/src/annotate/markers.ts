@@ -1,48 +1,67 @@
-// Markers: labelled in one frame, corrected in others. Two labelled views tell where a marker is in all.
+// Markers: labelled in any frame. Two labelled views tell where a marker is in all.
 
 import { el } from '../dom.ts';
-import { labelsAt, putLabel, removeMarker } from './labels.ts';
+import type { Step } from './history.ts';
+import { NEEDED, baseOf, framesOf, labelledFrames, labelsAt, markersOf, putLabel, removeMarker, usableAt } from './labels.ts';
 import { colourOf, cross, line, name, ring, swatch } from './marks.ts';
 import { epipolar, project, triangulate } from './camera.ts';
 import type { P2, P3, WorkView } from './camera.ts';
 import { apart, within } from './tool.ts';
-import type { Room, Spot, Tool } from './tool.ts';
+import type { Room, Spot, Tone, Tool } from './tool.ts';
 import { readJson } from './wire.ts';
-import type { LabelDoc, Marker, Tracks } from './wire.ts';
+import type { LabelDoc, Tracks } from './wire.ts';
 
 const PATH = '/api/labels';
 /** How near a click must be to a marker to mean it [px of the screen]. */
 const REACH = 9;
+/** A label that is further from where all others put it is shown as wrong [px]. */
+const WRONG_PX = 2;
+/** Fewest known markers that fix the head by themselves where it was not tracked. */
+const FIX = 3;
 
 type Guess = { at: P2; from: 'labels' | 'track' | 'pose' };
 
 export class Markers implements Tool {
   doc: LabelDoc = { frame: 0, markers: [] };
   private isHere = false;
-  private isAsked = false;
+  private asked: Promise<void> | null = null;
   private readonly tracks = new Map<number, Tracks | null>();
   private points = new Map<number, P3>();
   private pointsOf: unknown[] = [];
+  /** What follows from the document alone. */
+  private known: { of: LabelDoc | null; ids: number[]; base: number | null } = { of: null, ids: [], base: null };
   private drag: { id: number; before: LabelDoc } | null = null;
 
   constructor(private readonly room: Room) {
     void this.load();
   }
 
-  async load(): Promise<void> {
-    [this.isHere, this.isAsked] = [false, true];
+  private load(): Promise<void> {
+    this.asked ??= this.fetch().finally(() => { this.asked = null; });
+    return this.asked;
+  }
+
+  private async fetch(): Promise<void> {
+    this.isHere = false;
     try {
       const { value, version } = await readJson<LabelDoc>(this.room.api, PATH);
       this.doc = value;
       this.isHere = true;
       const body = () => ({ bytes: JSON.stringify(this.doc), kind: 'application/json' });
-      this.room.saver.open(PATH, version, body, () => { this.room.history.clear(); void this.load(); });
+      this.room.saver.open(PATH, version, body, () => { this.room.history.drop(PATH); void this.load(); });
       this.room.redraw();
     } catch (error) {
       this.room.error(error as Error);
-    } finally {
-      this.isAsked = false;
     }
+  }
+
+  async ready(): Promise<boolean> {
+    if (!this.isHere) await this.load();
+    return this.isHere;
+  }
+
+  restore(_: Step, side: unknown): void {
+    this.apply(side as LabelDoc);
   }
 
   get atRest(): boolean {
@@ -50,10 +69,20 @@ export class Markers implements Tool {
   }
 
   enter(): void {
-    if (!this.isHere && !this.isAsked) void this.load();
+    if (!this.isHere) void this.load();
     const { frame } = this.room.look;
     if (this.tracks.has(frame)) return;
     this.tracks.set(frame, null);
+    this.track(frame);
+  }
+
+  refresh(): void {
+    const { frame } = this.room.look;
+    for (const known of [...this.tracks.keys()]) if (known !== frame) this.tracks.delete(known);
+    if (this.tracks.has(frame)) this.track(frame);
+  }
+
+  private track(frame: number): void {
     this.room.api.json<Tracks>(`/api/tracks/${frame}`).then((tracks) => this.tracks.set(frame, tracks), (error: Error) => {
       this.tracks.delete(frame);
       this.room.error(error);
@@ -62,8 +91,24 @@ export class Markers implements Tool {
 
   // ---- what is where
 
-  private get isFirst(): boolean {
-    return this.room.look.frame === this.doc.frame;
+  private facts() {
+    if (this.known.of !== this.doc) this.known = { of: this.doc, ids: markersOf(this.doc), base: baseOf(this.doc, this.room.work.frames) };
+    return this.known;
+  }
+
+  /** The numbers of all markers. */
+  private get ids(): number[] {
+    return this.facts().ids;
+  }
+
+  /** The frame from which tracks begin. */
+  private get base(): number | null {
+    return this.facts().base;
+  }
+
+  /** Whether labels in this frame correct what is known from another one. */
+  private get corrects(): boolean {
+    return this.base !== null && this.room.look.frame !== this.base;
   }
 
   private label(id: number, view: string): P2 | undefined {
@@ -83,25 +128,25 @@ export class Markers implements Tool {
     const of = [this.doc, this.room.look.frame];
     if (of.some((thing, i) => thing !== this.pointsOf[i])) {
       [this.pointsOf, this.points] = [of, new Map()];
-      for (const marker of this.doc.markers) {
-        const p = triangulate(this.seen(marker.id));
-        if (p) this.points.set(marker.id, p);
+      for (const id of this.ids) {
+        const p = triangulate(this.seen(id));
+        if (p) this.points.set(id, p);
       }
     }
     return this.points.get(id);
   }
 
-  private track(id: number, view: string): P2 | undefined {
-    return this.isFirst ? undefined : this.tracks.get(this.room.look.frame)?.views[view]?.[id];
+  private tracked(id: number, view: string): P2 | undefined {
+    return this.tracks.get(this.room.look.frame)?.views[view]?.[id];
   }
 
   private guess(id: number, view: WorkView): Guess | null {
     const p = this.point(id);
     const at = p && project(view, p);
     if (at) return { at, from: 'labels' };
-    const track = this.track(id, view.name);
+    const track = this.tracked(id, view.name);
     if (track) return { at: track, from: 'track' };
-    const posed = this.isFirst ? undefined : this.tracks.get(this.room.look.frame)?.markers[id];
+    const posed = this.tracks.get(this.room.look.frame)?.markers[id];
     const put = posed && project(view, posed);
     return put ? { at: put, from: 'pose' } : null;
   }
@@ -131,12 +176,7 @@ export class Markers implements Tool {
   private commit(what: string, before: LabelDoc, after: LabelDoc): void {
     const { tool, frame, view, marker } = this.room.look;
     this.apply(after);
-    this.room.history.add({
-      what, bytes: 0,
-      show: () => this.room.set({ tool, frame, view, marker }),
-      undo: () => this.apply(before),
-      redo: () => this.apply(after),
-    });
+    this.room.history.add({ what, path: PATH, look: { tool, frame, view, marker }, before, after, bytes: 2 * JSON.stringify(after).length });
   }
 
   private change(what: string, how: (doc: LabelDoc) => void): void {
@@ -146,16 +186,10 @@ export class Markers implements Tool {
     this.commit(what, this.doc, after);
   }
 
-  private newId(): number {
-    return Math.max(-1, ...this.doc.markers.map((m) => m.id)) + 1;
-  }
-
+  /** A new marker, in whatever frame. It has its number in the file's first list, and its labels where they are made. */
   fresh(): void {
-    if (!this.isFirst) {
-      this.room.say('New markers are labelled in the first frame.', `Home goes to frame ${this.doc.frame}; here markers are corrected.`);
-      return;
-    }
-    const id = this.newId();
+    if (!this.isHere) return;
+    const id = Math.max(-1, ...this.ids) + 1;
     this.change('new marker', (doc) => doc.markers.push({ id, views: {} }));
     this.room.set({ marker: id });
   }
@@ -163,9 +197,9 @@ export class Markers implements Tool {
   /** The marker that a click places; a new one where none is chosen. */
   private chosen(): number | null {
     const { marker } = this.room.look;
-    if (marker !== null && this.doc.markers.some((m) => m.id === marker)) return marker;
-    if (!this.isFirst) {
-      this.room.say('Choose the marker that is here.', 'Click it where it is tracked, in the list, or step with j and k.');
+    if (marker !== null && this.ids.includes(marker)) return marker;
+    if (this.corrects) {
+      this.room.say('Choose the marker that is here.', 'Click it where it is tracked, in the list, or step with j and k; n begins a new one.');
       return null;
     }
     this.fresh();
@@ -174,8 +208,8 @@ export class Markers implements Tool {
 
   private nearest({ view, at, px }: Spot): number | null {
     let best: [number, number] | null = null;
-    for (const { id } of this.doc.markers) {
-      const there = this.label(id, view.name) ?? this.track(id, view.name);
+    for (const id of this.ids) {
+      const there = this.label(id, view.name) ?? this.tracked(id, view.name);
       const off = there ? apart(there, at) / px : Infinity;
       if (off <= REACH && (!best || off < best[1])) best = [id, off];
     }
@@ -217,24 +251,41 @@ export class Markers implements Tool {
     this.change('label', (doc) => putLabel(doc, this.room.look.frame, id, view.name, within(view, at)));
   }
 
-  /** Takes what is predicted in this view for a label. */
-  accept(): void {
+  /** Takes what is predicted in this view for a label; whether it did. */
+  accept(): boolean {
     const { marker, view: name } = this.room.look;
     const view = this.room.view(name);
     const guess = marker === null ? null : this.guess(marker, view);
     if (marker === null || !guess) {
       this.room.say('Nothing is predicted in this view.', 'Label the marker in two other views first.');
-      return;
+      return false;
     }
-    if (guess.at[0] < 0 || guess.at[1] < 0 || guess.at[0] > view.width || guess.at[1] > view.height) {
+    if (!isInside(view, guess.at)) {
       this.room.say('The marker is outside this view.');
-      return;
+      return false;
     }
     this.change('label', (doc) => putLabel(doc, this.room.look.frame, marker, name, guess.at));
+    return true;
+  }
+
+  /** Goes to the next view in which the marker is predicted and not labelled. */
+  goOn(by: number): void {
+    const { views, look: { marker, view } } = this.room;
+    if (marker === null) return this.room.say('Choose a marker first.', 'Click it, or step with j and k.');
+    const at = views.findIndex((v) => v.name === view);
+    const others = views.map((_, i) => views[(((at + by * (i + 1)) % views.length) + views.length) % views.length]);
+    const next = others.find((v) => this.isOpen(marker, v) && v.name !== view);
+    if (next) this.room.set({ view: next.name });
+    else this.room.say(`Marker ${marker} is labelled in every view that predicts it.`);
+  }
+
+  private isOpen(id: number, view: WorkView): boolean {
+    const guess = this.label(id, view.name) ? null : this.guess(id, view);
+    return guess !== null && isInside(view, guess.at);
   }
 
   step(by: number): void {
-    const ids = this.doc.markers.map((m) => m.id);
+    const { ids } = this;
     if (ids.length === 0) return;
     const at = ids.indexOf(this.room.look.marker ?? -1);
     this.room.set({ marker: ids[at < 0 ? 0 : (at + by + ids.length) % ids.length] });
@@ -248,7 +299,7 @@ export class Markers implements Tool {
       return;
     }
     this.change('removed marker', (doc) => removeMarker(doc, frame, marker));
-    if (this.isFirst) this.room.set({ marker: null });
+    if (!this.ids.includes(marker)) this.room.set({ marker: null });
   }
 
   // ---- looks
@@ -263,7 +314,7 @@ export class Markers implements Tool {
       }
       ink.globalAlpha = 1;
     }
-    for (const { id } of this.doc.markers) {
+    for (const id of this.ids) {
       const isChosen = id === marker;
       const [label, guess] = [this.label(id, view.name), this.guess(id, view)];
       if (label) ring(ink, label, (isChosen ? 7 : 5) * px, colourOf(id), isChosen ? 2.4 * px : 1.6 * px);
@@ -280,7 +331,7 @@ export class Markers implements Tool {
   caption(view: WorkView): string {
     const { marker } = this.room.look;
     if (marker === null) {
-      const count = this.doc.markers.filter((m) => this.label(m.id, view.name)).length;
+      const count = this.ids.filter((id) => this.label(id, view.name)).length;
       return count ? `${count} labelled` : '';
     }
     const off = this.residual(marker, view);
@@ -290,46 +341,72 @@ export class Markers implements Tool {
     return guess ? { labels: 'predicted', track: 'tracked', pose: 'expected' }[guess.from] : '';
   }
 
+  tone(view: WorkView): Tone {
+    const { marker } = this.room.look;
+    if (marker === null) return '';
+    const off = this.residual(marker, view);
+    if (off !== null) return off > WRONG_PX ? 'bad' : '';
+    return this.isOpen(marker, view) ? 'todo' : '';
+  }
+
   focus(view: WorkView): P2 | null {
     const { marker } = this.room.look;
     return marker === null ? null : this.label(marker, view.name) ?? this.guess(marker, view)?.at ?? null;
   }
 
   frames(): number[] {
-    const first = this.doc.markers.length ? [this.doc.frame] : [];
-    return [...first, ...(this.doc.corrections ?? []).map((c) => c.frame)];
+    return labelledFrames(this.doc);
+  }
+
+  /** What labels in this frame do. */
+  private about(): string {
+    const { frame } = this.room.look;
+    const usable = usableAt(this.doc, frame);
+    if (this.base === null) return `${usable} of at least ${NEEDED} markers are labelled here in two or more views. Any frame will do, so long as it has ${NEEDED}: choose one that shows many.`;
+    if (!this.corrects) return `${usable} markers are labelled here in two or more views: tracks begin here, and go on to both ends of the take.`;
+    const tracks = this.tracks.get(frame);
+    const isTracked = tracks != null && tracks.rms_px !== null;
+    const pose = isTracked
+      ? `Pose of the last run: ${tracks.used} markers, ${tracks.rms_px!.toFixed(2)} px${tracks.interpolated ? ', between its neighbours' : ''}.`
+      : 'This frame was not tracked yet: run to stage pose.';
+    const { ids, base } = this;
+    const known = labelsAt(this.doc, frame).filter((m) => framesOf(this.doc, m.id)[0] !== frame && Object.keys(m.views).length >= 2).length;
+    const isNew = ids.some((id) => framesOf(this.doc, id)[0] === frame) || (this.room.look.marker !== null && framesOf(this.doc, this.room.look.marker).length === 0);
+    const fixes = isNew && (!isTracked || tracks.interpolated) && known < FIX
+      ? ` The head is not known here yet, and a new marker has its place by it: label ${FIX - known} more of the markers of frame ${base}, too.`
+      : '';
+    return `${pose} Labels here correct the tracks before and after, up to the next correction. Tracks begin in frame ${base}; n begins a further marker here, which the head carries to all frames.${fixes}`;
   }
 
   panel(): (Node | false)[] {
     const { frame, marker } = this.room.look;
     const tracks = this.tracks.get(frame);
-    const usable = this.doc.markers.filter((m) => Object.keys(m.views).length >= 2).length;
-    const pose = tracks && tracks.rms_px !== null
-      ? `Pose of the last run: ${tracks.used} markers, ${tracks.rms_px.toFixed(2)} px${tracks.interpolated ? ', between its neighbours' : ''}.`
-      : 'This frame was not tracked yet: run to stage pose.';
-    const about = this.isFirst
-      ? `${usable} of at least 5 markers are labelled in two or more views.`
-      : `${pose} What you label here corrects the tracks before and after, up to the next correction.`;
-    const row = ({ id }: Marker) => {
-      const [views, rms] = [this.seen(id).length, this.rms(id)];
+    const row = (id: number) => {
+      const [views, rms, frames] = [this.seen(id).length, this.rms(id), framesOf(this.doc, id)];
       const tracked = tracks && Object.values(tracks.views).filter((seen) => seen[id]).length;
-      const words = views > 0 ? `${views} view${views > 1 ? 's' : ''}` : !this.isFirst && tracked ? `tracked in ${tracked}` : 'none yet';
+      const here = views > 0 ? `${views} view${views > 1 ? 's' : ''}` : tracked ? `tracked in ${tracked}` : '';
+      const begins = frames.length > 0 && frames[0] !== (this.base ?? frames[0]) ? `from frame ${frames[0]}` : '';
+      const words = [here, begins].filter((word) => word !== '').join(', ') || (frames.length > 0 ? `in frame ${frames[0]}` : 'none yet');
       return el(
         'button', { type: 'button', className: 'item', 'aria-pressed': String(id === marker), onclick: () => this.room.set({ marker: id }) },
-        swatch(colourOf(id)), el('b', {}, String(id)), el('span', {}, words), el('span', { className: rms !== null && rms > 2 ? 'bad' : '' }, rms === null ? '' : `${rms.toFixed(2)} px`),
+        swatch(colourOf(id)), el('b', {}, String(id)), el('span', {}, words), el('span', { className: rms !== null && rms > WRONG_PX ? 'bad' : '' }, rms === null ? '' : `${rms.toFixed(2)} px`),
       );
     };
     return [
-      el('h2', {}, this.isFirst ? 'Markers' : 'Corrections'), el('p', {}, about),
-      this.doc.markers.length === 0 && this.isHere && el('p', {}, 'Click a marker in one view, then in a second one: lines show where it can be. From then on m labels it in the others. n begins the next.'),
-      el('div', { className: 'items' }, ...this.doc.markers.map(row)),
+      el('h2', {}, this.corrects ? 'Corrections' : 'Markers'), el('p', {}, this.about()),
+      this.ids.length === 0 && this.isHere && el('p', {}, 'Click a marker in one view, then in a second one: lines show where it can be. From then on m labels it in the others (Shift m goes on to the next), and so does Ctrl and a click in a small view; c shows these close up. n begins the next.'),
+      el('div', { className: 'items' }, ...this.ids.map(row)),
     ];
   }
 
   counters(): Record<string, unknown> {
-    const rms = Object.fromEntries(this.doc.markers.map((m) => [m.id, this.rms(m.id)]));
+    const rms = Object.fromEntries(this.ids.map((id) => [id, this.rms(id)]));
     const { marker } = this.room.look;
     const guesses = marker === null ? {} : Object.fromEntries(this.room.views.map((v) => [v.name, this.guess(marker, v)]));
-    return { labels: this.doc, rms, guesses };
+    return { labels: this.doc, rms, guesses, base: this.base };
   }
+}
+
+function isInside(view: WorkView, [x, y]: P2): boolean {
+  return x >= 0 && y >= 0 && x <= view.width && y <= view.height;
 }

@@ -6,7 +6,8 @@ import type { Plane, Rect } from './brush.ts';
 import type { P2, WorkView } from './camera.ts';
 import { swatch } from './marks.ts';
 import { greyPng } from './png.ts';
-import type { Room, Spot, Tool } from './tool.ts';
+import type { Step } from './history.ts';
+import type { Room, Spot, Tone, Tool } from './tool.ts';
 import { readMask } from './wire.ts';
 import type { MaskKind, Origin } from './wire.ts';
 
@@ -21,7 +22,16 @@ interface Sheet extends Plane {
   view: string;
   frame: number;
   origin: Origin;
+  /** The mask as it was before it became a person's, where this page saw it. */
+  base: { data: Uint8Array; origin: Origin } | null;
   picture: OffscreenCanvas;
+}
+
+/** A part of a mask, before or after a step. */
+interface Piece {
+  rect: Rect;
+  data: Uint8Array;
+  origin: Origin;
 }
 
 export class Masks implements Tool {
@@ -42,6 +52,40 @@ export class Masks implements Tool {
   enter(): void {
     const { frame, view } = this.room.look;
     for (const { name } of [this.room.view(view), ...this.room.views]) void this.load(name, frame);
+  }
+
+  /** Masks that the program made may be others by now. */
+  refresh(): void {
+    for (const sheet of [...this.sheets.values()]) {
+      if (sheet.origin === 'given' || !this.room.saver.isSaved(sheet.path)) continue;
+      if (sheet.frame === this.room.look.frame) void this.load(sheet.view, sheet.frame, true);
+      else this.sheets.delete(sheet.path);
+    }
+  }
+
+  async ready(): Promise<boolean> {
+    const { view, frame } = this.room.look;
+    return (await this.load(view, frame)) !== undefined;
+  }
+
+  restore(step: Step, side: unknown): void {
+    const [sheet, { rect, data, origin }] = [this.sheets.get(step.path), side as Piece];
+    if (!sheet) return;
+    if (sheet.origin !== 'given' && origin === 'given') sheet.base = { data: sheet.data.slice(), origin: sheet.origin };
+    if (origin !== 'given' && sheet.base) this.toBase(sheet);
+    else {
+      paste(sheet, rect, data);
+      sheet.origin = origin;
+      this.tint(sheet, rect);
+    }
+    this.changed(sheet);
+  }
+
+  /** The mask as it was before it became a person's. */
+  private toBase(sheet: Sheet): void {
+    sheet.data.set(sheet.base!.data);
+    sheet.origin = sheet.base!.origin;
+    this.tint(sheet, whole(sheet));
   }
 
   get atRest(): boolean {
@@ -68,12 +112,12 @@ export class Masks implements Tool {
   private async fetch(path: string, view: string, frame: number): Promise<Sheet | undefined> {
     try {
       const { version, origin, width, height, data } = await readMask(this.room.api, path);
-      const sheet: Sheet = { path, view, frame, origin, width, height, data: new Uint8Array(data), picture: new OffscreenCanvas(width, height) };
-      // A stroke that came meanwhile counts.
-      if (!this.room.saver.isSaved(path)) return this.sheets.get(path);
+      const sheet: Sheet = { path, view, frame, origin, base: null, width, height, data: new Uint8Array(data), picture: new OffscreenCanvas(width, height) };
+      // A stroke that came meanwhile, or is under way, counts.
+      if (!this.room.saver.isSaved(path) || this.pen?.sheet.path === path) return this.sheets.get(path);
       this.sheets.set(path, sheet);
       this.tint(sheet, whole(sheet));
-      this.room.saver.open(path, version, () => this.body(path), () => { this.room.history.clear(); void this.load(view, frame, true); });
+      this.room.saver.open(path, version, () => this.body(path), () => { this.room.history.drop(path); void this.load(view, frame, true); });
       this.bound();
       return sheet;
     } catch (error) {
@@ -90,12 +134,12 @@ export class Masks implements Tool {
 
   private bound(): void {
     let bytes = 0;
-    for (const sheet of this.sheets.values()) bytes += 5 * sheet.data.length;
+    for (const sheet of this.sheets.values()) bytes += 6 * sheet.data.length;
     for (const [path, sheet] of this.sheets) {
       if (bytes <= MOST_BYTES) return;
       if (sheet.frame === this.room.look.frame || !this.room.saver.isSaved(path)) continue;
       this.sheets.delete(path);
-      bytes -= 5 * sheet.data.length;
+      bytes -= 6 * sheet.data.length;
     }
   }
 
@@ -125,13 +169,6 @@ export class Masks implements Tool {
 
   // ---- changes
 
-  private apply(sheet: Sheet, rect: Rect, piece: Uint8Array, origin: Origin): void {
-    paste(sheet, rect, piece);
-    sheet.origin = origin;
-    this.tint(sheet, rect);
-    this.changed(sheet);
-  }
-
   private changed(sheet: Sheet): void {
     const given = (this.room.work[this.kind][sheet.view] ??= []);
     const at = given.indexOf(sheet.frame);
@@ -139,12 +176,12 @@ export class Masks implements Tool {
     if (sheet.origin !== 'given' && at >= 0) given.splice(at, 1);
     this.room.saver.save(sheet.path);
     this.room.redraw();
-    if (sheet.origin !== 'given') this.reload(sheet);
+    if (sheet.origin !== 'given' && !sheet.base) this.reload(sheet);
   }
 
   /** What the program made comes with the next answer, once the correction is gone from the disk. */
   private reload(sheet: Sheet): void {
-    if (this.sheets.get(sheet.path) !== sheet || sheet.origin === 'given') return;
+    if (this.sheets.get(sheet.path) !== sheet || sheet.origin === 'given' || sheet.base) return;
     if (this.room.saver.isSaved(sheet.path)) void this.load(sheet.view, sheet.frame, true);
     else setTimeout(() => this.reload(sheet), 50);
   }
@@ -157,17 +194,13 @@ export class Masks implements Tool {
     const now = cut(sheet, rect);
     const [from, to] = [sheet.origin, origin];
     if (from === to && old.every((v, i) => v === now[i])) return;
+    if (from !== 'given' && to === 'given') sheet.base = { data: before === sheet.data ? before.slice() : before, origin: from };
     sheet.origin = to;
     this.changed(sheet);
-    const put = async (piece: Uint8Array, origin: Origin) => {
-      const there = await this.load(sheet.view, sheet.frame);
-      if (there) this.apply(there, rect, piece, origin);
-    };
     this.room.history.add({
-      what, bytes: old.length + now.length,
-      show: () => this.room.set({ tool, view, frame }),
-      undo: () => put(old, from),
-      redo: () => put(now, to),
+      what, path: sheet.path, look: { tool, view, frame },
+      before: { rect, data: old, origin: from } satisfies Piece, after: { rect, data: now, origin: to } satisfies Piece,
+      bytes: old.length + now.length,
     });
   }
 
@@ -228,7 +261,11 @@ export class Masks implements Tool {
       this.tint(sheet, all);
       this.commit('cleared', sheet, before, all, 'given');
     } else if (sheet.origin === 'given') {
-      this.commit('correction taken back', sheet, before, all, 'none');
+      if (sheet.base) {
+        this.toBase(sheet);
+        sheet.origin = 'given';
+      }
+      this.commit('mask given back', sheet, before, all, sheet.base?.origin ?? 'none');
     }
   }
 
@@ -251,6 +288,18 @@ export class Masks implements Tool {
     return sheet ? { given: 'given', computed: 'carried', none: 'no mask' }[sheet.origin] : '';
   }
 
+  /** The first frame needs a hair mask in every view. */
+  tone(view: WorkView): Tone {
+    return this.missing().includes(view.name) && this.room.look.frame === this.room.work.frames[0] ? 'todo' : '';
+  }
+
+  /** Views without the hair mask that a run cannot do without. */
+  private missing(): string[] {
+    const [first] = this.room.work.frames;
+    if (this.kind !== 'hair') return [];
+    return this.room.views.filter((view) => !this.room.work.hair[view.name]?.includes(first)).map((view) => view.name);
+  }
+
   focus(): P2 | null {
     return null;
   }
@@ -268,6 +317,8 @@ export class Masks implements Tool {
       ? 'A mask that you give is carried to the frames around it, as far as they are nearer to it than to another one you gave. The first frame needs one.'
       : 'A mask that you give replaces the computed one of this frame alone.';
     const from = sheet && { given: 'Yours.', computed: 'Made by the last run; a stroke makes it yours.', none: 'None yet: paint one, or run to stage masks.' }[sheet.origin];
+    const [first] = this.room.work.frames;
+    const missing = this.missing();
     const size = el('input', { type: 'range', min: '1', max: '100', value: String(Math.min(100, brush)), 'aria-label': 'Radius of the brush' });
     size.addEventListener('input', () => this.room.set({ brush: Number(size.value) }));
     const mode = (what: string, on: boolean) =>
@@ -278,6 +329,8 @@ export class Masks implements Tool {
       el('div', { className: 'switch' }, mode('Paint', !erase), mode('Erase', erase)),
       el('label', { className: 'slide' }, `Brush ${brush} px`, size),
       el('p', {}, words),
+      missing.length > 0 && el('p', {}, `Frame ${first} lacks a hair mask in ${missing.length} of ${this.room.views.length} views:`),
+      missing.length > 0 && el('div', { className: 'links' }, ...missing.map((name) => el('button', { type: 'button', className: 'quiet', onclick: () => this.room.set({ view: name, frame: first, sheet: false }) }, name))),
       held.length > 0 && el('p', {}, `Given in ${view}: ${[...held].sort((x, y) => x - y).slice(0, 24).join(', ')}${held.length > 24 ? ' …' : ''}`),
     ];
   }

@@ -4,8 +4,9 @@ import { el } from '../dom.ts';
 import { epipolar, project, triangulate } from './camera.ts';
 import type { P2, P3, WorkView } from './camera.ts';
 import { colourOf, line, swatch } from './marks.ts';
+import type { Step } from './history.ts';
 import { apart, rounded, within } from './tool.ts';
-import type { Room, Spot, Tool } from './tool.ts';
+import type { Room, Spot, Tone, Tool } from './tool.ts';
 import { readJson } from './wire.ts';
 import type { SketchDoc } from './wire.ts';
 
@@ -18,6 +19,7 @@ const SAMPLES = 24;
 
 export class Sketches implements Tool {
   private readonly docs = new Map<number, SketchDoc | null>();
+  private readonly asked = new Map<number, Promise<void>>();
   private pen: { before: SketchDoc; id: number; points: P2[] } | null = null;
   private guesses = new Map<number, P3[]>();
   private guessesOf: unknown = null;
@@ -37,14 +39,32 @@ export class Sketches implements Tool {
     if (!this.docs.has(frame)) void this.load(frame);
   }
 
-  private async load(frame: number): Promise<void> {
+  refresh(): void {}
+
+  async ready(): Promise<boolean> {
+    const { frame } = this.room.look;
+    if (!this.docs.get(frame)) await (this.asked.get(frame) ?? this.load(frame));
+    return !!this.docs.get(frame);
+  }
+
+  restore(step: Step, side: unknown): void {
+    this.apply(step.look.frame!, side as SketchDoc);
+  }
+
+  private load(frame: number): Promise<void> {
+    const asked = this.fetch(frame).finally(() => this.asked.delete(frame));
+    this.asked.set(frame, asked);
+    return asked;
+  }
+
+  private async fetch(frame: number): Promise<void> {
     this.docs.set(frame, null);
     const path = `/api/sketches/${frame}`;
     try {
       const { value, version } = await readJson<SketchDoc>(this.room.api, path);
       this.docs.set(frame, value);
       const body = () => ({ bytes: JSON.stringify(this.docs.get(frame)), kind: 'application/json' });
-      this.room.saver.open(path, version, body, () => { this.room.history.clear(); void this.load(frame); });
+      this.room.saver.open(path, version, body, () => { this.room.history.drop(path); void this.load(frame); });
     } catch (error) {
       this.docs.delete(frame);
       this.room.error(error as Error);
@@ -66,10 +86,7 @@ export class Sketches implements Tool {
     const { tool, frame, view, strand } = this.room.look;
     this.apply(frame, after);
     this.room.history.add({
-      what, bytes: 0,
-      show: () => this.room.set({ tool, frame, view, strand }),
-      undo: () => this.apply(frame, before),
-      redo: () => this.apply(frame, after),
+      what, path: `/api/sketches/${frame}`, look: { tool, frame, view, strand }, before, after, bytes: 2 * JSON.stringify(after).length,
     });
   }
 
@@ -213,6 +230,10 @@ export class Sketches implements Tool {
     if (strand !== null) return this.drawn(strand, view.name) ? 'drawn' : '';
     const count = (this.doc?.strands ?? []).filter((s) => s.views[view.name]).length;
     return count ? `${count} strands` : '';
+  }
+
+  tone(): Tone {
+    return '';
   }
 
   focus(view: WorkView): P2 | null {

@@ -2,7 +2,7 @@
 
 import type { Api } from '../api.ts';
 import type { P2, P3, WorkView } from './camera.ts';
-import type { History } from './history.ts';
+import type { History, Step } from './history.ts';
 import type { Look } from './state.ts';
 import type { Saver, Work } from './wire.ts';
 
@@ -33,9 +33,17 @@ export interface Spot {
   px: number;
 }
 
+export type Tone = '' | 'todo' | 'bad';
+
 export interface Tool {
   /** Asks for what the frame needs. */
   enter(): void;
+  /** Asks anew for what a run may have made meanwhile. */
+  refresh(): void;
+  /** Has the document of a step at hand, in the frame and view that are shown; whether it is there. */
+  ready(): Promise<boolean>;
+  /** Makes one side of a step what its document has. */
+  restore(step: Step, side: unknown): void;
   /** Whether everything that is asked for is here. */
   readonly atRest: boolean;
   /** Draws over a view, in image pixels; `px` of them are one of the screen. `large`: the view that is worked on. */
@@ -51,6 +59,8 @@ export interface Tool {
   remove(everywhere: boolean): void;
   /** What stands under a small view. */
   caption(view: WorkView): string;
+  /** Whether that is something to do, or wrong. */
+  tone(view: WorkView): Tone;
   /** Where a small view looks when close. */
   focus(view: WorkView): P2 | null;
   /** What the side panel shows. */

@@ -3,8 +3,11 @@
 
 import { Api, Lost, Refusal } from '../api.ts';
 import type { P2, P3, WorkView } from './camera.ts';
+import type { History } from './history.ts';
 
 export interface Work {
+  /** Tells takes apart: the same take has the same. */
+  id: string;
   name: string;
   fps: number;
   frames: [number, number];
@@ -86,6 +89,7 @@ export class Saver {
 
   constructor(
     private readonly api: Api,
+    private readonly history: Pick<History, 'opened' | 'saved'>,
     private readonly told: () => void,
     private readonly refused: (error: Refusal) => void,
     /** The token is not known to the program any more: it was started anew. */
@@ -99,6 +103,7 @@ export class Saver {
     const known = this.documents.get(path);
     if (known?.wanted || known?.busy) return;
     this.documents.set(path, { path, version, body, wanted: false, busy: false, changed });
+    this.history.opened(path, version);
   }
 
   save(path: string): void {
@@ -131,6 +136,7 @@ export class Saver {
       document.version = await this.api.change(document.path, document.version, body?.bytes ?? null, body?.kind);
       this.trouble = '';
       this.saved += 1;
+      this.history.saved(document.path, document.version);
     } catch (error) {
       this.failed(document, error as Error);
     }

@@ -9,13 +9,20 @@ use strandflow_view::{
     desk::{Document, MaskFound, MaskKind, Tracks, Work, WorkView},
 };
 
-use super::{home::Home, labels, masks, refusals::Refusals, sketches, tracks};
+use super::{
+    home::{Home, version},
+    labels, masks,
+    refusals::Refusals,
+    sketches, tracks,
+};
 use crate::view::{about, layers, source::Source};
 
 /// A take being labelled.
 pub struct TakeDesk {
     source: Source,
     home: Home,
+    /// Of the take's folder.
+    id: String,
     refusals: Refusals,
 }
 
@@ -23,7 +30,9 @@ impl TakeDesk {
     /// Of a take.
     pub fn open(root: &Path, source: Source) -> Result<Self, EngineError> {
         let home = Home::open(root, source.manifest())?;
-        Ok(Self { source, home, refusals: Refusals::into_log(root.join(RUN_LOG)) })
+        let folder = root.canonicalize().unwrap_or_else(|_| root.to_owned());
+        let id = version(folder.as_os_str().as_encoded_bytes());
+        Ok(Self { source, home, id, refusals: Refusals::into_log(root.join(RUN_LOG)) })
     }
 
     fn rig(&self) -> Result<&Rig, Refusal> {
@@ -59,6 +68,7 @@ impl Desk for TakeDesk {
         let names: Vec<String> = rig.cameras.iter().map(|camera| camera.name.clone()).collect();
         let with_lens = |(view, camera): (_, &Camera)| WorkView { view, distortion: camera.distortion };
         Ok(Work {
+            id: self.id.clone(),
             name: self.source.name(),
             fps: manifest.fps,
             frames: [frames.start, frames.end],

@@ -3,14 +3,20 @@
 use std::collections::BTreeMap;
 
 use glam::DVec2;
-use strandflow_core::{Place, Report};
+use strandflow_core::{FrameRange, Place, Report};
 use strandflow_stages::{
     StageError,
     pose::{HeadPoses, MarkerLabel, PoseInput},
 };
 
 use super::{need_rig, of_stage};
-use crate::{EngineError, Needs, item::Item, sources::NumberedMarker, store::Writer, table::Job};
+use crate::{
+    EngineError, Needs,
+    item::Item,
+    sources::{NumberedMarker, TakeLabels},
+    store::Writer,
+    table::Job,
+};
 
 pub(crate) fn prepare(_: &Job) -> Result<(), EngineError> {
     Ok(())
@@ -20,28 +26,46 @@ pub(crate) fn needs(job: &Job, _: Item, needs: &mut Needs) -> Result<(), EngineE
     need_rig(job, needs);
     needs.file(job.take.sources().labels_file())?;
     needs.value("values", "frames", &job.plan.lead);
+    let frames = looked_at(job, &job.take.sources().labels(job.take.views().rig())?);
     for &view in job.take.views().taking_part() {
-        for frame in job.plan.lead.start..job.plan.lead.end {
+        for frame in frames.start..frames.end {
             needs.file(&job.take.sources().image_file(view, frame)?)?;
         }
     }
     Ok(())
 }
 
+/// The frames asked for, and those up to the labelled one where it lies behind them: tracks begin there.
+fn looked_at(job: &Job, labels: &TakeLabels) -> FrameRange {
+    FrameRange { end: job.plan.lead.end.max(labels.frame + 1), ..job.plan.lead }
+}
+
 pub(crate) fn run(job: &Job, _: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {
     let views = job.take.views();
-    let labels = job.take.sources().labels(views.rig(), job.plan.lead.start)?;
-    let labels: Vec<MarkerLabel> = labels.into_iter().map(label).collect();
-    let corrections = job.take.sources().corrections(views.rig())?;
-    let corrections = corrections.into_iter().map(|(frame, markers)| (frame, markers.into_iter().map(label).collect()));
+    let labelled = job.take.sources().labels(views.rig())?;
+    let frames = looked_at(job, &labelled);
+    let labels: Vec<MarkerLabel> = labelled.markers.into_iter().map(label).collect();
+    let corrections =
+        labelled.corrections.into_iter().map(|(frame, markers)| (frame, markers.into_iter().map(label).collect()));
     let corrections: BTreeMap<usize, Vec<MarkerLabel>> = corrections.collect();
     let images = views.images(job.take.images());
-    let (rig, frames) = (views.rig(), job.plan.lead);
-    let input = PoseInput { rig, images: &images, frames, labels: &labels, corrections: &corrections };
-    let poses = strandflow_stages::pose::pose(&input, job.plan.mode, &job.plan.settings.pose, report)
+    let (rig, labelled) = (views.rig(), labelled.frame);
+    let input = PoseInput { rig, images: &images, frames, labelled, labels: &labels, corrections: &corrections };
+    let mut poses = strandflow_stages::pose::pose(&input, job.plan.mode, &job.plan.settings.pose, report)
         .map_err(of_stage("pose"))?;
+    cut(&mut poses, job.plan.lead.len());
     let ids: Vec<u32> = labels.iter().map(|label| label.id).collect();
     write(job, out, &poses, &ids)
+}
+
+/// Leaves the first frames.
+fn cut(poses: &mut HeadPoses, times: usize) {
+    poses.world_from_head.truncate(times);
+    poses.markers.truncate(times);
+    poses.tracks.truncate(times);
+    poses.rms_px.truncate(times);
+    poses.used.truncate(times);
+    poses.interpolated.truncate(times);
 }
 
 fn label((id, views): NumberedMarker) -> MarkerLabel {

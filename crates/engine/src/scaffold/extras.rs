@@ -100,7 +100,7 @@ pub(super) fn labels(capture: &Path, views: &[View], said: &mut Vec<String>) -> 
             place
         })
     };
-    let markers = or_later(there("marker_labels.json"), "marker_labels.json", "marker labels of the first frame");
+    let markers = or_later(there("marker_labels.json"), "marker_labels.json", "marker labels");
     let hair_masks =
         or_later(there("hair_masks"), "hair_masks", "a hair mask of the first frame, VIEW/000000.png each");
     let subject_masks = there("subject_masks");

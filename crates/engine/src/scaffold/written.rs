@@ -44,7 +44,7 @@ pub(super) fn text(found: &Found<'_>, calibrated: &Calibrated, held_out: &[Strin
         text += &format!("# Millimetres a unit of the calibration.\nunit_mm = {mm:?}\n");
     }
     text += &format!(
-        "\n[labels]\n# Markers labelled in the first frame.\nmarkers = {}\n\
+        "\n[labels]\n# Labels of the markers: at least five in one frame, any one.\nmarkers = {}\n\
          # Hair masks VIEW/FRAME.png: the first frame's; further ones hold for the frames nearest to them.\nhair_masks = {}\n\
          # Subject masks VIEW/FRAME.png that replace computed ones.\n",
         quoted(&labels.markers),

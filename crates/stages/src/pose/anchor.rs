@@ -14,27 +14,37 @@ use super::{
 use crate::{Mode, StageError};
 
 /// A frame from which tracks are followed.
+#[derive(Clone)]
 pub(super) struct Anchor {
     pub frame: usize,
     pub found: Found,
+    /// Centres of the markers that are labelled there.
+    pub labelled: Points,
     /// What the markers look like from here on.
     pub looks: Looks,
-    /// Whether it is a correction: how fast the head moves there is not known.
-    pub is_correction: bool,
+    /// Whether it is not known how fast the head moves there.
+    pub at_unknown_speed: bool,
 }
 
 impl Anchor {
-    /// The first frame.
-    pub fn first(tracker: &Tracker) -> Result<Self, StageError> {
-        let (frame, looks) = (tracker.input.frames.start, tracker.looks.clone());
+    /// The labelled frame that everything begins from.
+    pub fn base(tracker: &Tracker) -> Result<Self, StageError> {
+        let (frame, looks) = (tracker.input.labelled, tracker.looks.clone());
         let found = match tracker.mode {
-            Mode::Paper => tracker.first_frame(),
-            Mode::Robust => tracker.first_frame_settled(&tracker.images(frame)?),
+            Mode::Paper => tracker.base_frame(),
+            Mode::Robust => tracker.base_frame_settled(&tracker.images(frame)?),
         };
-        Ok(Self { frame, found, looks, is_correction: false })
+        // Takes begin slowly: elsewhere the head may be in full motion.
+        Ok(Self {
+            frame,
+            found,
+            labelled: tracker.base.clone(),
+            looks,
+            at_unknown_speed: frame != tracker.input.frames.start,
+        })
     }
 
-    /// A corrected frame, and what was tracked up to it from the anchor before. Labelled points stay; other markers are
+    /// A corrected frame, and what was tracked up to it from the anchor next to it. Labelled points stay; other markers are
     /// searched, or followed, around them. What disagrees with the others is in the report.
     pub fn corrected(
         tracker: &Tracker,
@@ -64,7 +74,7 @@ impl Anchor {
                 }
             }
         }
-        Ok(Self { frame, found, looks, is_correction: true })
+        Ok(Self { frame, found, labelled, looks, at_unknown_speed: true })
     }
 }
 

@@ -36,36 +36,38 @@ pub(super) struct Found {
     pub shutters: Shutters,
 }
 
-/// What is known of the markers from the first frame's labels, and how they are found in others.
+/// What is known of the markers from labels, and how they are found.
 pub(super) struct Tracker<'a> {
     pub input: &'a PoseInput<'a>,
     pub mode: Mode,
     pub settings: &'a PoseSettings,
-    /// Look of every marker in the first frame.
+    /// Look of every marker in the labelled frame; of those that begin elsewhere, there.
     pub looks: Looks,
-    /// Marker points of the first frame.
-    first: Points,
-    /// Marker positions in head space \[mm\].
+    /// Marker points of the labelled frame.
+    pub base: Points,
+    /// Marker positions in head space, here the world of the labelled frame \[mm\].
     pub model: Vec<Option<DVec3>>,
 }
 
 impl<'a> Tracker<'a> {
     pub fn start(input: &'a PoseInput<'a>, mode: Mode, settings: &'a PoseSettings) -> Result<Self, StageError> {
-        let place = Place::frame(input.frames.start);
+        let place = Place::frame(input.labelled);
+        if !input.frames.contains(input.labelled) {
+            let fact = format!("the markers are labelled outside the frames {}", input.frames);
+            let hint = "label five markers or more in a frame of the take".into();
+            return Err(StageError::Input { place, fact, hint });
+        }
         let too_few = |fact: String| StageError::Input {
             place: place.clone(),
             fact,
             hint: format!(
-                "label at least {} markers, each in two or more views of the first frame",
+                "label at least {} markers in one frame, each in two or more of its views",
                 settings.markers_needed
             ),
         };
-        if input.labels.len() < settings.markers_needed {
-            return Err(too_few(format!(
-                "{} markers are labelled, {} are needed",
-                input.labels.len(),
-                settings.markers_needed
-            )));
+        let labelled = input.labels.iter().filter(|label| !label.views.is_empty()).count();
+        if labelled < settings.markers_needed {
+            return Err(too_few(format!("{labelled} markers are labelled, {} are needed", settings.markers_needed)));
         }
         let views = input.rig.view_count();
         let mut tracker = Self {
@@ -73,22 +75,22 @@ impl<'a> Tracker<'a> {
             mode,
             settings,
             looks: vec![vec![None; input.labels.len()]; views],
-            first: vec![vec![None; input.labels.len()]; views],
+            base: vec![vec![None; input.labels.len()]; views],
             model: Vec::new(),
         };
-        let images = tracker.images(input.frames.start)?;
+        let images = tracker.images(input.labelled)?;
         for (m, label) in input.labels.iter().enumerate() {
             for (&view, &point) in label.views.iter().filter(|(view, _)| **view < views) {
                 if !point.is_finite() {
-                    let place = Place::view_frame(&input.rig.cameras[view].name, input.frames.start);
+                    let place = Place::view_frame(&input.rig.cameras[view].name, input.labelled);
                     return Err(StageError::NonFinite { place, what: format!("label of marker {}", label.id) });
                 }
                 let (centre, look) = learnt(&images[view], point, settings.marker_radius_px);
-                (tracker.first[view][m], tracker.looks[view][m]) = (Some(centre), look);
+                (tracker.base[view][m], tracker.looks[view][m]) = (Some(centre), look);
             }
-            tracker.lend_look(m);
+            lend_look(&mut tracker.looks, m);
         }
-        tracker.model = tracker.triangulated(&tracker.first);
+        tracker.model = tracker.triangulated(&tracker.base);
         let known = tracker.model.iter().flatten().count();
         if known < settings.markers_needed {
             return Err(too_few(format!(
@@ -105,15 +107,6 @@ impl<'a> Tracker<'a> {
         Ok(found.into_iter().collect::<Result<_, _>>()?)
     }
 
-    /// Views without a label take the look of the view in which the marker stands out most, and ask more of it.
-    fn lend_look(&mut self, m: usize) {
-        let best = self.looks.iter().filter_map(|view| view[m]).max_by(|a, b| a.score.total_cmp(&b.score));
-        let Some(best) = best else { return };
-        for view in &mut self.looks {
-            view[m].get_or_insert(Look { is_lent: true, ..best });
-        }
-    }
-
     pub fn triangulated(&self, points: &Points) -> Vec<Option<DVec3>> {
         let of = |m: usize| {
             let seen: Vec<_> = points
@@ -126,24 +119,26 @@ impl<'a> Tracker<'a> {
         (0..self.input.labels.len()).map(of).collect()
     }
 
-    pub fn first_frame(&self) -> Found {
-        self.found(self.first.clone(), self.model.clone(), Some(RigidTransform::IDENTITY), RigidTransform::IDENTITY)
+    /// Paper mode: the labelled frame as it is labelled.
+    pub fn base_frame(&self) -> Found {
+        let markers = self.triangulated(&self.base);
+        self.found(self.base.clone(), markers, Some(RigidTransform::IDENTITY), RigidTransform::IDENTITY)
     }
 
-    /// The first frame with what is seen there of all markers, labelled or not, and without labels that lie on another marker.
-    pub fn first_frame_settled(&self, images: &[Arc<RgbImage>]) -> Found {
+    /// Robust mode: the labelled frame with what is seen there of all markers, labelled or not, and without labels that lie on another marker.
+    pub fn base_frame_settled(&self, images: &[Arc<RgbImage>]) -> Found {
         let still = RigidTransform::IDENTITY;
         let sight = Sight { tracker: self, images, looks: &self.looks, before: still, shutter: 0.0 };
-        let seen = sight.seen(&self.first, &still);
+        let seen = sight.seen(&self.base, &still);
         let mut tracks = sight.settled(&seen, &still);
         // A label whose marker looks like nothing cannot be confirmed; it stays as it is.
         for (view, points) in tracks.iter_mut().enumerate() {
             for (m, point) in points.iter_mut().enumerate().filter(|(m, _)| self.looks[view][*m].is_none()) {
-                *point = self.first[view][m];
+                *point = self.base[view][m];
             }
         }
         let rms_px = self.reprojection_px(&measured_of(&seen), &still);
-        Found { rms_px, ..self.found(tracks, self.model.clone(), Some(still), still) }
+        Found { rms_px, ..self.found(tracks, self.triangulated(&self.base), Some(still), still) }
     }
 
     /// Where the markers of the frame before went.
@@ -250,7 +245,7 @@ impl<'a> Tracker<'a> {
         self.in_common(markers) >= self.settings.markers_needed
     }
 
-    /// Markers known in the first frame and in this one.
+    /// Markers that have a place on the head and are known in this frame.
     pub fn in_common(&self, markers: &[Option<DVec3>]) -> usize {
         self.model.iter().zip(markers).filter(|(a, b)| a.is_some() && b.is_some()).count()
     }
@@ -331,6 +326,15 @@ impl<'a> Tracker<'a> {
     pub fn centre(&self) -> DVec3 {
         let known: Vec<DVec3> = self.model.iter().flatten().copied().collect();
         known.iter().sum::<DVec3>() / known.len().max(1) as f64
+    }
+}
+
+/// Views without a label take the look of the view in which the marker stands out most, and ask more of it.
+pub(super) fn lend_look(looks: &mut Looks, m: usize) {
+    let best = looks.iter().filter_map(|view| view[m]).max_by(|a, b| a.score.total_cmp(&b.score));
+    let Some(best) = best else { return };
+    for view in looks {
+        view[m].get_or_insert(Look { is_lent: true, ..best });
     }
 }
 
