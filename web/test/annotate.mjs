@@ -172,7 +172,7 @@ try {
   s = await rest();
   const number = usable.length;
   check(s.marker === number && s.base === 0 && s.labels.corrections[0].markers[0].id === number && Object.keys((await labels()).corrections[0].markers[0].views).length === 2, 'n begins a marker in frame 2');
-  check((await page.locator('#panel').innerText()).includes('from frame 2') && (await page.locator('#panel').innerText()).includes('has its place by it'), 'and the page says where it begins and what it needs');
+  check((await page.locator('#panel').innerText()).includes('from frame 2') && (await page.locator('#panel').innerText()).includes('n begins a new marker'), 'and the page says where it begins and what it is');
   await shot('later');
   await key('Control+z', 'Control+z', 'Control+z');
   s = await rest();

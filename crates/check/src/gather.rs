@@ -267,7 +267,8 @@ fn read_labels(
     };
     let place = |name: &str| views.iter().position(|view| view.name == name);
     let with = |inside: bool| {
-        labels.first_with(MARKERS_NEEDED, |frame| frames.contains(frame) == inside, |view| place(view).is_some())
+        let takes_part = |view: &str| place(view).is_some_and(|view| !views[view].held_out);
+        labels.first_with(MARKERS_NEEDED, |frame| frames.contains(frame) == inside, takes_part)
     };
     let labelled = match (with(true), with(false)) {
         (Ok(frame), _) => frame,

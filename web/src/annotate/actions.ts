@@ -49,7 +49,7 @@ export function actions(app: App): Action[] {
     { keys: ['m'], show: ['m'], text: 'take what is predicted in this view for the label; with Shift, and go on to the next view without one', group: 'Markers and strands', run: () => { if (at().tool === 'markers') app.markers.accept(); } },
     { keys: ['v'], show: ['v'], text: 'the next view that predicts it and has no label; with Shift back', group: 'Markers and strands', run: () => { if (at().tool === 'markers') app.markers.goOn(1); } },
     { keys: ['Delete', 'Backspace'], show: ['Del'], text: 'remove it in this view; take a mask back', group: 'Markers and strands', run: () => app.tool.remove(false) },
-    { keys: ['shift+Delete', 'shift+Backspace'], show: ['Shift Del'], text: 'remove it in all views; clear a mask', group: 'Markers and strands', run: () => app.tool.remove(true) },
+    { keys: ['shift+Delete', 'shift+Backspace'], show: ['Shift Del'], text: 'remove it in all views (a marker where it begins: for good); clear a mask', group: 'Markers and strands', run: () => app.tool.remove(true) },
   ];
   return [
     ...listed,

@@ -61,7 +61,7 @@ export class App implements Room {
   private readonly changes = { all: 0, view: 0, drawn: -1 };
   private isAlive = true;
   /** What was undone or redone last, for a moment. */
-  private told = '';
+  private told = { text: '', at: 0 };
   private toldDue = 0;
   private refreshed = 0;
 
@@ -195,8 +195,8 @@ export class App implements Room {
 
   private tell(done: string, step: Step | null): void {
     clearTimeout(this.toldDue);
-    this.told = step ? `${done}: ${describe(step)}` : '';
-    this.toldDue = window.setTimeout(() => { this.told = ''; this.redraw(); }, TOLD_MS);
+    this.told = { text: step ? `${done}: ${describe(step)}` : '', at: this.history.made };
+    this.toldDue = window.setTimeout(() => { this.told.text = ''; this.redraw(); }, TOLD_MS);
     this.redraw();
   }
 
@@ -340,7 +340,9 @@ export class App implements Room {
     const saved = byId('saved');
     saved.dataset.state = trouble ? 'trouble' : waiting ? 'busy' : 'saved';
     saved.textContent = trouble ? `Not saved: ${trouble}` : waiting ? 'Saving …' : 'All saved';
-    byId('where').textContent = `${look.view}${this.penIsDown ? ' · pen down' : ''}${look.overlay ? '' : ' · overlays hidden'}${this.told ? ` · ${this.told}` : ''}`;
+    // After the next stroke it is old news.
+    const told = this.told.at === this.history.made ? this.told.text : '';
+    byId('where').textContent = `${look.view}${this.penIsDown ? ' · pen down' : ''}${look.overlay ? '' : ' · overlays hidden'}${told ? ` · ${told}` : ''}`;
     this.timeline.show(look.frame, this.tool.frames());
   }
 

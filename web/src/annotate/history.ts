@@ -68,6 +68,11 @@ export class History {
     return [this.done.at(-1)?.step, this.undone.at(-1)?.step];
   }
 
+  /** How many steps were ever made. */
+  get made(): number {
+    return this.next;
+  }
+
   add(step: Step): void {
     const gone = this.undone.splice(0);
     const kept = { n: this.next++, step };

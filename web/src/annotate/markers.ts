@@ -16,7 +16,9 @@ const PATH = '/api/labels';
 const REACH = 9;
 /** A label that is further from where all others put it is shown as wrong [px]. */
 const WRONG_PX = 2;
-/** Fewest known markers that fix the head by themselves where it was not tracked. */
+/** From more views than that lines are a thicket. */
+const CROWD = 3;
+/** Fewest known markers that fix the head by themselves where it was lost. */
 const FIX = 3;
 
 type Guess = { at: P2; from: 'labels' | 'track' | 'pose' };
@@ -307,9 +309,11 @@ export class Markers implements Tool {
   draw(ink: CanvasRenderingContext2D, view: WorkView, px: number, large: boolean): void {
     const { marker } = this.room.look;
     if (marker !== null) {
-      // Once it is labelled here, its lines only confirm.
-      ink.globalAlpha = this.label(marker, view.name) ? 0.35 : 0.9;
-      for (const [from, at] of this.seen(marker)) {
+      const seen = this.seen(marker);
+      // Once it is labelled here, its lines only confirm; those of many views hide what they meet in.
+      const isCrowded = seen.length > CROWD;
+      ink.globalAlpha = isCrowded ? 0.25 : this.label(marker, view.name) ? 0.35 : 0.9;
+      for (const [from, at] of isCrowded && !large ? [] : seen) {
         if (from !== view) line(ink, epipolar(from, at, view, this.room.centre), colourOf(marker), (large ? 1.2 : 0.9) * px);
       }
       ink.globalAlpha = 1;
@@ -360,22 +364,30 @@ export class Markers implements Tool {
 
   /** What labels in this frame do. */
   private about(): string {
-    const { frame } = this.room.look;
-    const usable = usableAt(this.doc, frame);
+    const usable = usableAt(this.doc, this.room.look.frame);
     if (this.base === null) return `${usable} of at least ${NEEDED} markers are labelled here in two or more views. Any frame will do, so long as it has ${NEEDED}: choose one that shows many.`;
-    if (!this.corrects) return `${usable} markers are labelled here in two or more views: tracks begin here, and go on to both ends of the take.`;
+    if (!this.corrects) return `${usable} markers are labelled here in two or more views. Tracks begin here, to both ends of the take.`;
+    return `Tracks begin in frame ${this.base}. A label here corrects them, up to the next correction; n begins a new marker, which the head carries to all frames.`;
+  }
+
+  /** What the last run knows of this frame. */
+  private pose(): string {
+    const tracks = this.tracks.get(this.room.look.frame);
+    if (!this.corrects || !tracks) return '';
+    if (tracks.rms_px === null) return 'Not tracked yet: run to stage pose.';
+    return `Last run: ${tracks.used} markers, ${tracks.rms_px.toFixed(2)} px${tracks.interpolated ? ', pose between its neighbours' : ''}.`;
+  }
+
+  /** What a marker that begins here lacks yet to have a place on the head. */
+  private lack(): string {
+    const { look: { frame, marker } } = this.room;
     const tracks = this.tracks.get(frame);
-    const isTracked = tracks != null && tracks.rms_px !== null;
-    const pose = isTracked
-      ? `Pose of the last run: ${tracks.used} markers, ${tracks.rms_px!.toFixed(2)} px${tracks.interpolated ? ', between its neighbours' : ''}.`
-      : 'This frame was not tracked yet: run to stage pose.';
-    const { ids, base } = this;
-    const known = labelsAt(this.doc, frame).filter((m) => framesOf(this.doc, m.id)[0] !== frame && Object.keys(m.views).length >= 2).length;
-    const isNew = ids.some((id) => framesOf(this.doc, id)[0] === frame) || (this.room.look.marker !== null && framesOf(this.doc, this.room.look.marker).length === 0);
-    const fixes = isNew && (!isTracked || tracks.interpolated) && known < FIX
-      ? ` The head is not known here yet, and a new marker has its place by it: label ${FIX - known} more of the markers of frame ${base}, too.`
-      : '';
-    return `${pose} Labels here correct the tracks before and after, up to the next correction. Tracks begin in frame ${base}; n begins a further marker here, which the head carries to all frames.${fixes}`;
+    if (!this.corrects || !tracks?.interpolated) return '';
+    const begins = (id: number) => framesOf(this.doc, id)[0] === frame;
+    const isNew = this.ids.some(begins) || (marker !== null && framesOf(this.doc, marker).length === 0);
+    const known = labelsAt(this.doc, frame).filter((m) => !begins(m.id) && Object.keys(m.views).length >= 2).length;
+    if (!isNew || known >= FIX) return '';
+    return `The last run lost the head here, and a new marker has its place by it: label ${FIX - known} of the known markers here, too.`;
   }
 
   panel(): (Node | false)[] {
@@ -392,8 +404,11 @@ export class Markers implements Tool {
         swatch(colourOf(id)), el('b', {}, String(id)), el('span', {}, words), el('span', { className: rms !== null && rms > WRONG_PX ? 'bad' : '' }, rms === null ? '' : `${rms.toFixed(2)} px`),
       );
     };
+    const [pose, lack] = [this.pose(), this.lack()];
     return [
       el('h2', {}, this.corrects ? 'Corrections' : 'Markers'), el('p', {}, this.about()),
+      pose !== '' && el('p', {}, pose),
+      lack !== '' && el('p', { className: 'bad' }, lack),
       this.ids.length === 0 && this.isHere && el('p', {}, 'Click a marker in one view, then in a second one: lines show where it can be. From then on m labels it in the others (Shift m goes on to the next), and so does Ctrl and a click in a small view; c shows these close up. n begins the next.'),
       el('div', { className: 'items' }, ...this.ids.map(row)),
     ];

@@ -4,7 +4,12 @@ import type { Keeper, Kept, Past } from './history.ts';
 
 const [NAME, STEPS, ORDERS] = ['strandflow annotate', 'steps', 'orders'];
 
+/** Takes whose steps are kept, the last opened ones. */
+const TAKES = 6;
+
 interface Order {
+  /** When it was written [ms]. */
+  at?: number;
   done: number[];
   undone: number[];
   versions: Map<string, string>;
@@ -30,6 +35,7 @@ export class Memory implements Keeper {
         const missing = numbers.reduce((last, n, i) => (byNumber.has(n) ? last : i), -1);
         return numbers.slice(missing + 1).map((n) => byNumber.get(n)!);
       };
+      await forgetOthers(db, take);
       const past = order ? { done: whole(order.done), undone: whole(order.undone), versions: order.versions } : null;
       return { memory: new Memory(db, take), past };
     } catch {
@@ -51,7 +57,7 @@ export class Memory implements Keeper {
   }
 
   order(done: number[], undone: number[], versions: Map<string, string>): void {
-    const order: Order = { done, undone, versions };
+    const order: Order = { at: Date.now(), done, undone, versions };
     this.write(ORDERS, (store) => store.put(order, this.take));
   }
 
@@ -65,6 +71,17 @@ export class Memory implements Keeper {
     } catch {
       // The browser took its store away; undoing still reaches back to the opening of the page.
     }
+  }
+}
+
+/** Takes that were not opened for long give their place to others. */
+async function forgetOthers(db: IDBDatabase, take: string): Promise<void> {
+  const stores = db.transaction([STEPS, ORDERS], 'readwrite');
+  const [takes, orders] = await Promise.all([answer(stores.objectStore(ORDERS).getAllKeys()), answer(stores.objectStore(ORDERS).getAll())]);
+  const byAge = takes.map((name, i) => ({ name: String(name), at: (orders[i] as Order).at ?? 0 })).sort((a, b) => b.at - a.at);
+  for (const { name } of byAge.slice(TAKES).filter((other) => other.name !== take)) {
+    stores.objectStore(ORDERS).delete(name);
+    stores.objectStore(STEPS).delete(ofTake(name));
   }
 }
 
