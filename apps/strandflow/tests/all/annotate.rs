@@ -128,7 +128,7 @@ fn what_may_not_be_handed_in_is_refused_and_told() {
         (r#"{"frame":0,"markers":[{"id":0,"views":{"cam0":[900,2]}}]}"#, "64×48"),
         (r#"{"frame":0,"markers":[{"id":0,"views":{"../x":[1,2]}}]}"#, "no such view"),
         (r#"{"frame":9,"markers":[]}"#, "frame 9"),
-        (r#"{"frame":0,"markers":[],"corrections":[{"frame":2,"markers":[{"id":5,"views":{}}]}]}"#, "marker 5"),
+        (r#"{"frame":0,"markers":[],"corrections":[{"frame":2,"markers":[]},{"frame":2,"markers":[]}]}"#, "twice"),
     ] {
         let answer = desk.put("/api/labels", &labels, json.as_bytes());
         let said = String::from_utf8_lossy(&answer.body).into_owned();
