@@ -12,7 +12,7 @@ use std::{
     sync::atomic::{AtomicUsize, Ordering},
 };
 
-use crate::{cargo, compiler, root, run, target};
+use crate::{cargo, compiler, run, target};
 
 const TARGETS: [&str; 6] = ["calibrations", "models", "grooms", "drawings", "scenes", "manifest"];
 
@@ -91,7 +91,7 @@ fn build(named: &[&str]) -> Result<(), String> {
     build.env("RUSTC_WORKSPACE_WRAPPER", this).env(COMPILES, "1").env("CARGO_INCREMENTAL", "0");
     // All of the workspace, and an example: so the features of other people's crates are those that the tests have.
     build.args(["build", "--workspace", "--features", "strandflow-fuzz/libfuzzer", "--example", "features-of-tests"]);
-    named.iter().for_each(|name| drop(build.args(["--bin", name])));
+    build.args(named.iter().flat_map(|name| ["--bin", *name]));
     run(&mut build)
 }
 

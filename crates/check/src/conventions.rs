@@ -1,7 +1,7 @@
 //! Conventions: where cameras look, units, lenses, gravity.
 
 use glam::{DMat3, DVec2, DVec3};
-use strandflow_core::{Camera, Mask, Rig, RigidTransform};
+use strandflow_core::{Camera, Mask, RigidTransform};
 use strandflow_geometry::{
     project::{depth, project},
     triangulate::{meeting_of_axes, midpoint},

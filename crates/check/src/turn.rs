@@ -73,9 +73,10 @@ impl Turn {
 /// images of a thousand, about the others by 5 px.
 const LEAST_RAD: f64 = 0.2 * std::f64::consts::PI / 180.0;
 /// Standard errors that it must be away from none.
-const SURE: f64 = 3.0;
-/// What the distances must fall to: in captures that are sound the best turn takes a tenth away.
-const FALLS_TO: f64 = 0.7;
+const SURE: f64 = 4.0;
+/// What the distances must fall to: in captures that are sound the best turn takes a tenth away; of eight markers clicked to a pixel
+/// it takes this much in one view of a thousand.
+const FALLS_TO: f64 = 0.6;
 
 /// Fewest markers a turn is told from: three angles, and as many again to contradict them.
 const FEWEST: usize = 6;
