@@ -202,7 +202,8 @@ fn of_two(evidence: &Evidence, odd: &Odd, middle: f64) -> Finding {
 }
 
 fn is_judged(evidence: &Evidence, view: usize) -> bool {
-    !evidence.distrusted.contains(&view) && !evidence.out_of_time.contains(&view) && evidence.fits(view)
+    let left_out = [&evidence.distrusted, &evidence.mended_roughly, &evidence.out_of_time];
+    !left_out.iter().any(|views| views.contains(&view)) && evidence.fits(view)
 }
 
 /// Markers in some frames, as they were followed in each view by itself.
