@@ -12,7 +12,7 @@ use strandflow_io::{IoError, ReadOptions, read_calibration_with};
 /// No single buffer for a file of some kilobytes is as large \[bytes\].
 const LARGEST: usize = 64 << 20;
 
-/// The system's allocator, which gives nothing larger than [`LARGEST`]: the process aborts, and libFuzzer keeps the input.
+/// The system's allocator, which gives nothing larger than 64 MiB: the process aborts, and libFuzzer keeps the input.
 pub struct Bounded;
 
 // SAFETY: every request goes to the system's allocator, or is refused by null as the contract allows.
