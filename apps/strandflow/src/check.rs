@@ -1,6 +1,6 @@
 //! `strandflow check`: the rig doctor.
 
-use strandflow_check::{Finding, Said, Verdict, check as check_all, gather};
+use strandflow_check::{Finding, Said, Verdict, check as check_all, check_to, gather};
 
 use crate::{args::CheckArgs, failure::Failed, stdout::print};
 
@@ -9,7 +9,10 @@ const WIDTH: usize = 100;
 
 pub fn check(args: &CheckArgs) -> Result<(), Failed> {
     let mut evidence = gather::of_folder(&args.take)?;
-    let said = check_all(&mut evidence);
+    let said = match &args.to {
+        Some(last) => check_to(&mut evidence, last),
+        None => check_all(&mut evidence),
+    };
     if args.json {
         print(&(serde_json::to_string_pretty(&said).map_err(std::io::Error::other)? + "\n"))?;
     } else {

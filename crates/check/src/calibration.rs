@@ -6,7 +6,7 @@ use strandflow_core::Rig;
 use crate::{
     Evidence, Finding, Outcome,
     labels::{Agreement, Label, Residual},
-    repair::{Mend, best_mend},
+    repair::{Mend, Repair, best_mend},
     turn::{Seen, Turn, sightings, turn_of},
 };
 
@@ -61,6 +61,10 @@ pub(crate) fn calibration(evidence: &mut Evidence) -> Outcome {
     for _ in 0..MOST_MENDS {
         let Some(mended) = best_mend(&rig, &labels, &now) else { break };
         findings.push(of_mend(evidence, &mended.mend, &now, &mended.agreement));
+        // The true principal point is not the middle.
+        if let Mend::Repair(Repair::CentrePrincipal, views) = &mended.mend {
+            evidence.mended_roughly.extend(views);
+        }
         (now, rig) = (mended.agreement, mended.rig);
     }
     let wrong = now.disagreeing(rig.view_count());

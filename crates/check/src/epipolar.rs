@@ -1,4 +1,4 @@
-//! The check `epipolar`: pairs of views against one another, by the markers that both see.
+//! The checks `epipolar` and `followed`: pairs of views against one another, by the markers that both see.
 //!
 //! A marker in one view gives a line in another, on which it must lie. A pair of views is judged without any third, so that one
 //! view that is off spoils its own pairs and no others: the view that most of the distance goes to is the one.
@@ -98,17 +98,34 @@ pub fn odd_views(pairs: &[Pair], limit: f64) -> Vec<Odd> {
     odd
 }
 
-/// The check `epipolar`.
-pub(crate) fn check(evidence: &mut Evidence) -> Outcome {
+/// The check `epipolar`: labelled markers. It comes before the clocks, because a camera that was turned looks late.
+pub(crate) fn by_labels(evidence: &mut Evidence) -> Outcome {
+    by(evidence, &Markers { seen: labelled, called: "labelled markers", allowed: CLICKED })
+}
+
+/// The check `followed`: the same by followed markers, which nobody clicked and of which there are more.
+pub(crate) fn by_followed(evidence: &mut Evidence) -> Outcome {
+    by(evidence, &Markers { seen: followed, called: "followed markers", allowed: SHADED })
+}
+
+/// What views are compared by.
+struct Markers {
+    seen: fn(&Evidence) -> Vec<Seen>,
+    called: &'static str,
+    /// How far they may lie beside their lines in any case, in radii of a marker.
+    allowed: f64,
+}
+
+fn by(evidence: &mut Evidence, markers: &Markers) -> Outcome {
     let mut measured = None;
     let mut findings = Vec::new();
     // Each view that is found is left out, because it makes others look odd.
     loop {
-        let (seen, by, allowed) = observed(evidence);
+        let seen = (markers.seen)(evidence);
         let pairs = pairs(&evidence.mended, &seen);
         let Some(middle) = median(pairs.iter().map(|pair| pair.px)) else { break };
-        measured.get_or_insert_with(|| in_words(evidence, &pairs, middle, by));
-        let limit = (allowed * evidence.settings.pose.marker_radius_px).max(WORSE * middle);
+        measured.get_or_insert_with(|| in_words(evidence, &pairs, middle, markers.called));
+        let limit = (markers.allowed * evidence.settings.pose.marker_radius_px).max(WORSE * middle);
         let odd = odd_views(&pairs, limit).into_iter().next();
         let turned = turned(evidence, &seen, odd.as_ref());
         let view = match (&odd, &turned) {
@@ -123,8 +140,9 @@ pub(crate) fn check(evidence: &mut Evidence) -> Outcome {
         findings.push(of_view(evidence, view, odd.as_ref(), turned.map(|(_, turn)| turn), middle));
         evidence.distrusted.push(view);
     }
+    let called = markers.called;
     measured.map_or_else(
-        || Outcome::unjudged(format!("no two views of known calibration and clock share {FEWEST} markers")),
+        || Outcome::unjudged(format!("no two views of known calibration and clock share {FEWEST} {called}")),
         |measured| Outcome::of(measured, findings),
     )
 }
@@ -183,18 +201,9 @@ fn of_two(evidence: &Evidence, odd: &Odd, middle: f64) -> Finding {
     evidence.unless_held_out(&odd.views, finding.suffers(SUFFERS))
 }
 
-/// The markers to judge by, what they are called, and how far they may be off in radii of a marker.
-fn observed(evidence: &Evidence) -> (Vec<Seen>, &'static str, f64) {
-    let followed = followed(evidence);
-    if followed.is_empty() {
-        (labelled(evidence), "labelled markers", CLICKED)
-    } else {
-        (followed, "followed markers", SHADED)
-    }
-}
-
 fn is_judged(evidence: &Evidence, view: usize) -> bool {
-    !evidence.distrusted.contains(&view) && !evidence.out_of_time.contains(&view) && evidence.fits(view)
+    let left_out = [&evidence.distrusted, &evidence.mended_roughly, &evidence.out_of_time];
+    !left_out.iter().any(|views| views.contains(&view)) && evidence.fits(view)
 }
 
 /// Markers in some frames, as they were followed in each view by itself.

@@ -54,6 +54,8 @@ pub struct Evidence {
     pub mended: Rig,
     /// Views whose calibration is wrong and could not be mended: later checks leave them out.
     pub distrusted: Vec<usize>,
+    /// Views whose calibration could be mended in part: it shows what was wrong, and pixels are left.
+    pub mended_roughly: Vec<usize>,
     /// Frames per second.
     pub fps: f64,
     /// Gravity \[mm/s²\].

@@ -31,4 +31,4 @@ pub mod turn;
 
 pub use evidence::Evidence;
 pub use finding::{Finding, Outcome, Verdict};
-pub use table::{CHECKS, Check, Said, check, check_quick};
+pub use table::{CHECKS, Check, Said, check, check_quick, check_to};

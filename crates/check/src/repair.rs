@@ -93,6 +93,13 @@ impl Repair {
         }
     }
 
+    /// Whether a camera can have the mistake. A principal point as near to the middle as lenses have it is none: centring it
+    /// would only do in part what a turn of the camera does.
+    fn is_thinkable(self, camera: &Camera) -> bool {
+        let off = |k: usize, side: usize| (camera.principal[k] / side as f64 - 0.5).abs();
+        self != Self::CentrePrincipal || off(0, camera.width).max(off(1, camera.height)) > LENS_OFF
+    }
+
     /// The camera without the mistake.
     pub fn mended(self, camera: &Camera) -> Camera {
         let mut out = camera.clone();
@@ -123,6 +130,9 @@ impl Repair {
         out
     }
 }
+
+/// Distance of the principal point from the image's middle, against the side, that lenses reach.
+const LENS_OFF: f64 = 0.04;
 
 /// What mends a rig.
 #[derive(Clone, Debug, PartialEq)]
@@ -176,6 +186,10 @@ pub struct Mended {
 /// Share of its labels that must agree for a view to count as mended. A person mislabels one in ten.
 const MENDED: f64 = 0.8;
 
+fn several_of(repair: Repair, views: &[usize]) -> Mend {
+    Mend::Repair(repair, views.to_vec())
+}
+
 /// The mend after which the most labels agree, of views that disagree now. `None` where none helps them.
 ///
 /// One view that is wrong is found among those that are right; where all are wrong in the same way, all are mended at once.
@@ -190,10 +204,12 @@ pub fn best_mend(rig: &Rig, labels: &[Label], now: &Agreement) -> Option<Mended>
         tried.extend(wrong[..i].iter().map(|&b| Mend::Exchange(b, a)));
     }
     for repair in Repair::ALL {
-        tried.extend(wrong.iter().map(|&view| Mend::Repair(repair, vec![view])));
-        tried.push(Mend::Repair(repair, all.clone()));
-        if wrong.len() > 1 && wrong.len() < all.len() {
-            tried.push(Mend::Repair(repair, wrong.clone()));
+        let is_thinkable = |view: &usize| repair.is_thinkable(&rig.cameras[*view]);
+        tried.extend(wrong.iter().filter(|view| is_thinkable(view)).map(|&view| Mend::Repair(repair, vec![view])));
+        for several in [&all, &wrong] {
+            if several.len() > 1 && several.iter().any(is_thinkable) && !tried.contains(&several_of(repair, several)) {
+                tried.push(several_of(repair, several));
+            }
         }
     }
     let agreements: Vec<Agreement> =

@@ -26,6 +26,8 @@ pub struct Check {
 pub struct Said {
     /// The check.
     pub check: &'static str,
+    /// The first stage it protects.
+    pub protects: &'static str,
     /// The gravest verdict.
     pub verdict: Verdict,
     /// What was measured, with numbers.
@@ -45,6 +47,7 @@ pub const CHECKS: &[Check] = checks! {
     "files", "footage, plates, labels and first hair masks are there, readable, of one size and length", "masks", true, files::check;
     "markers", "how many are labelled, in how many views, and whether they lie in space rather than on a line", "pose", true, calibration::markers;
     "calibration", "reprojection of the labelled markers, view by view and marker by marker; repairs that mend it", "hull", true, calibration::calibration;
+    "epipolar", "pairs of views by the labelled markers that both see: a view that disagrees with the others, or was turned", "lift", true, epipolar::by_labels;
     "aim", "cameras look at the subject, and it lies in front of them", "hull", true, conventions::aim;
     "units", "distances of the cameras and of the markers", "hull", true, conventions::units;
     "lenses", "focal lengths and principal points for the image's size", "lift", true, conventions::lenses;
@@ -52,7 +55,7 @@ pub const CHECKS: &[Check] = checks! {
     "identity", "labels lie on markers in their footage, plates look like their footage: exchanged clips and plates", "masks", false, identity::check;
     "time", "markers followed in every view: delays between views, frames lost, frames shown twice", "lift", false, time::check;
     "distortion", "followed markers with one radial term more", "hull", false, lens::check;
-    "epipolar", "pairs of views by the markers that both see; a view that disagrees with the others, or was turned", "lift", true, epipolar::check;
+    "followed", "pairs of views once more, by the followed markers", "lift", false, epipolar::by_followed;
     "masks", "subject masks of three frames: empty ones, holes, given hair outside the subject", "masks", false, masks::check;
     "hull", "the hull of these masks, drawn back into every view: leaks, cuts, views that empty it", "hull", false, masks::hull;
     "footage", "focus, exposure and brightness of the hair in every view's first frame", "orient", false, footage::check;
@@ -69,6 +72,12 @@ pub fn check(evidence: &mut Evidence) -> Vec<Said> {
     CHECKS.iter().map(|check| made(check, evidence)).collect()
 }
 
+/// Makes the checks up to the named one; all where there is none of that name.
+pub fn check_to(evidence: &mut Evidence, last: &str) -> Vec<Said> {
+    let count = CHECKS.iter().position(|check| check.name == last).map_or(CHECKS.len(), |at| at + 1);
+    CHECKS[..count].iter().map(|check| made(check, evidence)).collect()
+}
+
 /// Makes the checks that decode no image.
 pub fn check_quick(evidence: &mut Evidence) -> Vec<Said> {
     CHECKS.iter().filter(|check| check.quick).map(|check| made(check, evidence)).collect()
@@ -78,7 +87,8 @@ fn made(check: &Check, evidence: &mut Evidence) -> Said {
     let blind = evidence.mended.cameras.is_empty() && check.name != FIRST;
     let outcome = if blind { Outcome::unjudged("the calibration cannot be read") } else { (check.run)(evidence) };
     let (verdict, measured) = (outcome.verdict(), outcome.measured);
-    Said { check: check.name, verdict, measured, findings: said_once(outcome.findings, evidence.views.len()) }
+    let findings = said_once(outcome.findings, evidence.views.len());
+    Said { check: check.name, protects: check.protects, verdict, measured, findings }
 }
 
 /// Findings that differ in the view only become one.
@@ -107,6 +117,12 @@ fn said_once(findings: Vec<Finding>, views: usize) -> Vec<Finding> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use strandflow_engine::stage_index;
+
+    #[test]
+    fn every_check_protects_a_stage() {
+        assert!(CHECKS.iter().all(|check| stage_index(check.protects).is_ok()));
+    }
 
     #[test]
     fn what_is_said_of_several_views_is_said_once() {

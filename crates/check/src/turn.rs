@@ -48,20 +48,25 @@ impl Turn {
         Camera { camera_from_world: turn.after(&camera.camera_from_world), ..camera.clone() }
     }
 
+    /// The turn about those axes that it is sure of \[rad\]: about its own axis a camera seems turned by what markers scatter.
+    pub fn sure(&self) -> DVec3 {
+        let is_sure = (self.by / self.error).abs().cmpgt(DVec3::splat(SURE));
+        DVec3::select(is_sure, self.by, DVec3::ZERO)
+    }
+
     /// Whether the camera was turned by as much, and not only as errors of the markers' middles make it look.
     pub fn is_sure(&self) -> bool {
-        let sure = (self.by / self.error).abs().max_element();
-        self.by.length() > LEAST_RAD && sure > SURE && self.px[1] < FALLS_TO * self.px[0]
+        self.sure().length() > LEAST_RAD && self.px[1] < FALLS_TO * self.px[0]
     }
 
     /// The turn in words.
     pub fn in_words(&self) -> String {
-        let axes = ["sideways (about its y)", "up or down (about its x)", "about its axis (z)"];
-        let parts = [self.by.y.abs(), self.by.x.abs(), self.by.z.abs()];
-        let most = (0..3).max_by(|a, b| parts[*a].total_cmp(&parts[*b])).unwrap_or(0);
+        let by = self.sure();
+        let axes = ["up or down (about its x)", "sideways (about its y)", "about its axis (z)"];
+        let most = (0..3).max_by(|a, b| by[*a].abs().total_cmp(&by[*b].abs())).unwrap_or(0);
         format!(
             "turned by {:.2}°, mostly {}, it sees the markers {:.2} px from where the others have them, as given {:.2} px",
-            self.by.length().to_degrees(),
+            by.length().to_degrees(),
             axes[most],
             self.px[1],
             self.px[0]
@@ -73,9 +78,10 @@ impl Turn {
 /// images of a thousand, about the others by 5 px.
 const LEAST_RAD: f64 = 0.2 * std::f64::consts::PI / 180.0;
 /// Standard errors that it must be away from none.
-const SURE: f64 = 3.0;
-/// What the distances must fall to: in captures that are sound the best turn takes a tenth away.
-const FALLS_TO: f64 = 0.7;
+const SURE: f64 = 4.0;
+/// What the distances must fall to: in captures that are sound the best turn takes a tenth away; of eight markers clicked to a pixel
+/// it takes this much in one view of a thousand.
+const FALLS_TO: f64 = 0.6;
 
 /// Fewest markers a turn is told from: three angles, and as many again to contradict them.
 const FEWEST: usize = 6;

@@ -4,6 +4,7 @@
 //! the workspace, opens no files and owns no threads.
 
 pub mod camera;
+pub mod chance;
 pub mod frames;
 pub mod grid;
 pub mod image;
@@ -14,6 +15,7 @@ pub mod rigid;
 pub mod strands;
 
 pub use camera::{Camera, Distortion, PolynomialLens, Rig};
+pub use chance::normal_from_even;
 pub use frames::{FrameRange, ImageSource, SourceError};
 pub use grid::{Grid, Occupancy, SparseVoxels};
 pub use image::{Mask, Plane, RgbImage};

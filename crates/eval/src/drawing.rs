@@ -4,7 +4,7 @@ use glam::{DVec2, Vec3};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
-use strandflow_core::{Camera, Rig};
+use strandflow_core::{Camera, Rig, normal_from_even};
 use strandflow_geometry::project::project;
 
 use crate::{raster::StrandView, truth::Truth};
@@ -136,10 +136,10 @@ fn tremor(count: usize, step: f64, seed: u64) -> Vec<DVec2> {
     (0..count).map(course).collect()
 }
 
-/// A number of the standard normal distribution (Box and Muller).
+/// A number of the standard normal distribution.
 fn normal(random: &mut Pcg64Mcg) -> f64 {
-    let (a, b): (f64, f64) = (1.0 - random.random::<f64>(), random.random());
-    (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()
+    let (a, b) = (random.random(), random.random());
+    normal_from_even(a, b)
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use glam::DVec3;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use strandflow_core::normal_from_even;
 
 /// A generator for one purpose: the same seed and keys give the same numbers, other keys give independent ones.
 pub(crate) fn stream(seed: u64, keys: &[u64]) -> Pcg64Mcg {
@@ -11,10 +12,10 @@ pub(crate) fn stream(seed: u64, keys: &[u64]) -> Pcg64Mcg {
     )
 }
 
-/// A standard normal number (Box and Muller 1958).
+/// A standard normal number.
 pub(crate) fn normal(rng: &mut Pcg64Mcg) -> f64 {
-    let (a, b): (f64, f64) = (rng.random(), rng.random());
-    (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
+    let (a, b) = (rng.random(), rng.random());
+    normal_from_even(a, b)
 }
 
 /// A number in −1..1.

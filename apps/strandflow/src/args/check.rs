@@ -19,6 +19,9 @@ fn checks_in_order() -> String {
 pub struct CheckArgs {
     /// The take.
     pub take: PathBuf,
+    /// The last check to make; all without. Those that look at masks take longest, and come late.
+    #[arg(long, value_name = "CHECK", value_parser = clap::builder::PossibleValuesParser::new(CHECKS.iter().map(|check| check.name)))]
+    pub to: Option<String>,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,

@@ -1,13 +1,15 @@
-//! `strandflow check` is silent on footage with truth, and recovers the delay of a view that is shown late.
+//! `strandflow check` is silent on footage with truth, recovers the delay of a view that is shown late, and names a camera that was
+//! turned.
 //!
 //! `STRANDFLOW_WRITE_DOCS=1 cargo test -p strandflow --test all check_captures` writes the table of `docs/check.md` anew.
 
 use std::path::{Path, PathBuf};
 
 use crate::common::{stderr, strandflow, text};
+use glam::{DMat3, DVec3};
 use serde_json::Value;
-use strandflow_core::{ImageSource, RgbImage};
-use strandflow_io::{TakeSource, ViewInput, write_rgb_png};
+use strandflow_core::{ImageSource, RgbImage, RigidTransform};
+use strandflow_io::{TakeSource, ViewInput, calibration::own_toml::write_toml, read_calibration, write_rgb_png};
 
 /// Captures of 30 frames: `STRANDFLOW_CAPTURES`, or `shared/captures` beside the repository.
 fn captures() -> Vec<(&'static str, PathBuf)> {
@@ -23,8 +25,9 @@ fn take_of(capture: &Path, take: &Path) -> PathBuf {
     take.join("strandflow.toml")
 }
 
-fn findings(take: &Path) -> Vec<Value> {
-    let run = strandflow(&["check", text(take), "--json"]);
+/// What the checks up to `last` find.
+fn findings(take: &Path, last: &str) -> Vec<Value> {
+    let run = strandflow(&["check", text(take), "--to", last, "--json"]);
     let checks: Vec<Value> = serde_json::from_slice(&run.stdout).unwrap_or_else(|_| panic!("{}", stderr(&run)));
     checks.iter().flat_map(|check| check["findings"].as_array().cloned().unwrap_or_default()).collect()
 }
@@ -35,8 +38,42 @@ fn sound_captures_are_sound() {
     for (name, folder) in captures() {
         let take = root.path().join(name);
         take_of(&folder, &take);
-        let said = findings(&take);
+        let said = findings(&take, "cost");
         assert!(said.is_empty(), "{name}: {said:#?}");
+    }
+}
+
+#[test]
+fn a_view_turned_by_half_a_degree_is_named() {
+    let root = tempfile::tempdir().expect("a folder");
+    for (name, folder) in captures() {
+        for (view, axis) in [(5, DVec3::Y), (3, DVec3::Z)] {
+            let take = root.path().join(format!("{name}-turned-{view}"));
+            let manifest = take_of(&folder, &take);
+            let written = std::fs::read_to_string(&manifest).expect("the manifest is there");
+            let given = folder.join("calibration.json").canonicalize().expect("the calibration is there");
+            let mut calibration = read_calibration(&given, None).expect("the calibration is read");
+            let camera = &mut calibration.rig.cameras[view];
+            let rotation = DMat3::from_axis_angle(axis, 0.5f64.to_radians());
+            let turn = RigidTransform { rotation, translation: DVec3::ZERO };
+            camera.camera_from_world = turn.after(&camera.camera_from_world);
+            let place = format!("view {}", camera.name);
+            let turned = take.join("turned.toml");
+            write_toml(&turned, &calibration).expect("the calibration is written");
+            let replaced = written.replace(text(&given), text(&turned));
+            assert_ne!(replaced, written, "the manifest names the calibration");
+            std::fs::write(manifest, replaced).expect("the manifest is written");
+            let said = findings(&take, "followed");
+            // Half a degree sideways moves markers by 13 px, which the labels show; about the axis by half a pixel.
+            let fault = if axis == DVec3::Z { "epipolar" } else { "view-off" };
+            assert!(
+                said.len() == 1 && said[0]["fault"] == fault && said[0]["place"] == place.as_str(),
+                "{name}: {said:#?}"
+            );
+            let fact = said[0]["fact"].as_str().unwrap_or_default();
+            let degrees = fact.split("turned by ").nth(1).and_then(|rest| rest.split('°').next()?.parse::<f64>().ok());
+            assert!(degrees.is_some_and(|degrees| (degrees - 0.5).abs() < 0.1), "{name}: {fact}");
+        }
     }
 }
 
@@ -85,7 +122,7 @@ fn a_late_view_is_timed() {
         for view in ["cam00", "cam03", "cam05"] {
             let take = root.path().join(format!("{name}-{view}"));
             with_late_view(&folder, &take, view);
-            let said = findings(&take);
+            let said = findings(&take, "time");
             let offsets: Vec<&Value> = said.iter().filter(|f| f["fault"] == "offset").collect();
             assert_eq!(offsets.len(), 1, "{name}, {view}: {said:#?}");
             let fact = offsets[0]["fact"].as_str().unwrap_or_default();

@@ -48,6 +48,11 @@ struct Cloud {
 impl Cloud {
     fn read(elements: &Elements, numbers: &mut Numbers) -> Result<Self, String> {
         let mut cloud = Self::default();
+        // Rows of a second list would go by other columns.
+        let lists = elements.all.iter().filter(|element| element.name == "vertex").count();
+        if lists > 1 {
+            return Err(format!("it has {lists} `vertex` elements, one is read"));
+        }
         for element in &elements.all {
             let column = |name: &str| element.columns.iter().position(|column| column.name == name);
             let lacks = |name: &str| format!("its {} elements have no `{name}`", element.name);
@@ -186,6 +191,13 @@ mod tests {
         assert!(told("0 1\n0 2\n0 3\n").contains("branch"));
         assert!(told("0 1\n0 2\n-1 3\n").contains("names the vertex"));
         assert!(told("0 1\n").contains("ends"));
+    }
+
+    #[test]
+    fn a_second_list_of_vertices_is_refused() {
+        let second = "element vertex 1\nproperty double x\nproperty double y\nproperty double z\nproperty int strand\n";
+        let told = groom(ascii(3, second, "9 0 0 1\n").as_bytes()).unwrap_err();
+        assert!(told.contains("2 `vertex` elements"), "{told}");
     }
 
     #[test]
