@@ -236,10 +236,11 @@ fn a_take_need_not_be_labelled_in_its_first_frame() {
     assert_eq!(poses(&["--frames", "0..2"]).world_from_head, from_third.world_from_head[..2]);
     let checked = strandflow(&["check", text(&take), "--json"]);
     let said = String::from_utf8_lossy(&checked.stdout);
-    assert!(!said.contains("labels-") && !said.contains("few-markers"), "{said}");
+    // These labels are where the pose puts markers of two pixels, not clicks: some lie beside them, and `check` may say so.
+    assert!(!said.contains("labels-frame") && !said.contains("few-markers"), "{said}");
 
     crate::common::write(&labels, &json!({"frame": 9, "markers": markers}).to_string());
-    assert_bad_input(&run(&[]), &["marker_labels.json", "labelled in frame 9", "0..4", "any one will do"]);
+    assert_bad_input(&run(&[]), &["marker_labels.json", "labelled in frame 9", "0..4"]);
     let checked = strandflow(&["check", text(&take), "--json"]);
     assert!(String::from_utf8_lossy(&checked.stdout).contains("labels-frame"), "{}", stderr(&checked));
 }
