@@ -13,6 +13,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import picture
+
 # What is varied: title, table and key of the specification, values; the middle of the road is that of BASE.
 CURVES = {
     "views": ("views", "rig", "views", [4, 5, 6, 7, 10, 13, 16]),
@@ -51,10 +53,10 @@ def f1(scores, which):
 
 
 def toml(spec):
-    def value(v):
-        return json.dumps(v)
-
-    return "seed = 5\n" + "".join(f"\n[{t}]\n" + "".join(f"{k} = {value(v)}\n" for k, v in keys.items()) for t, keys in spec.items())
+    lines = ["seed = 5"]
+    for table, keys in spec.items():
+        lines += [f"[{table}]", *(f"{key} = {json.dumps(value)}" for key, value in keys.items())]
+    return "\n".join(lines) + "\n"
 
 
 def point(program, folder, style, table, key, value):
@@ -94,10 +96,7 @@ def panel(title, values, rows, x0, y0):
         return x0 + LEFT + share * WIDTH, y0 + TOP + HEIGHT * (1 - score / 100)
 
     parts = [f'<text x="{x0 + LEFT}" y="{y0 + 20}" font-weight="bold">{title}</text>']
-    for score in range(0, 101, 20):
-        x, y = at(values[0], score)
-        parts.append(f'<path d="M{x},{y:.1f} h{WIDTH}" stroke="#e2e2e2"/>')
-        parts.append(f'<text x="{x - 6}" y="{y + 4:.1f}" text-anchor="end">{score}</text>')
+    parts += picture.levels(x0 + LEFT, lambda score: at(values[0], score)[1], WIDTH, range(0, 101, 20))
     for value in values:
         x, y = at(value, 0)
         parts.append(f'<text x="{x:.1f}" y="{y + 16:.1f}" text-anchor="middle">{value:g}</text>')
@@ -118,14 +117,9 @@ def svg(found):
     below = -(-len(found) // ACROSS) * step[1] + 16
     for i, (title, _, colour) in enumerate(SCORES):
         x, y = LEFT + i % ACROSS * step[0], below + i // ACROSS * 20
-        parts.append(f'<path d="M{x},{y - 4} h28" stroke="{colour}" stroke-width="3"/>')
-        parts.append(f'<text x="{x + 36}" y="{y}">{title}</text>')
+        parts += picture.named(x, y, title, colour)
     size = (ACROSS * step[0], below + 36)
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]} {size[1]}" width="{size[0]}" height="{size[1]}"'
-    style = ' font-family="sans-serif" font-size="12" fill="#222">'
-    title = "<title>Results over views, noise, blur, masks, calibration and clocks</title>"
-    back = '<rect width="100%" height="100%" fill="#fff"/>'
-    return "\n".join([head + style, title, back, *parts, "</svg>"]) + "\n"
+    return picture.page(size, "Scores over what gets worse", parts)
 
 
 if __name__ == "__main__":

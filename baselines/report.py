@@ -9,6 +9,7 @@ from pathlib import Path
 import common
 import flow
 import orientation
+import picture
 
 COLOURS = ["#d1495b", "#4c78a8", "#4c78a8", "#4f9d69", "#4f9d69"]
 WIDTH, HEIGHT, LEFT, TOP, MOST = 330, 240, 46, 34, 50.0
@@ -21,10 +22,7 @@ def panel(title, rows, x0):
         return x0 + LEFT + k * WIDTH / (common.DECILES - 1), TOP + HEIGHT * (1 - degrees / MOST)
 
     parts = [f'<text x="{x0 + LEFT}" y="20" font-weight="bold">{title}</text>']
-    for degrees in range(0, int(MOST) + 1, 10):
-        x, y = at(0, degrees)
-        parts.append(f'<path d="M{x},{y} h{WIDTH}" stroke="#e2e2e2"/>')
-        parts.append(f'<text x="{x - 6}" y="{y + 4}" text-anchor="end">{degrees}°</text>')
+    parts += picture.levels(x0 + LEFT, lambda degrees: at(0, degrees)[1], WIDTH, range(0, int(MOST) + 1, 10), "°")
     y = TOP + HEIGHT + 18
     parts.append(f'<text x="{x0 + LEFT}" y="{y}">most confident tenth</text>')
     parts.append(f'<text x="{x0 + LEFT + WIDTH}" y="{y}" text-anchor="end">least confident tenth</text>')
@@ -45,14 +43,9 @@ def svg(found):
     for i, (name, colour) in enumerate(zip(found[0][1], COLOURS)):
         x, y = LEFT + i % 3 * 230, legend + i // 3 * 20
         dashes = ' stroke-dasharray="5 4"' if name.endswith(("published", "px")) else ""
-        parts.append(f'<path d="M{x},{y - 4} h28" stroke="{colour}" stroke-width="3"{dashes}/>')
-        parts.append(f'<text x="{x + 36}" y="{y}">{name}</text>')
+        parts += picture.named(x, y, name, colour, dashes)
     size = (max(step * len(found), LEFT + 3 * 230), legend + 34)
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]} {size[1]}" width="{size[0]}" height="{size[1]}"'
-    style = ' font-family="sans-serif" font-size="12" fill="#222">'
-    title = "<title>Mean error of 2D hair orientation by tenths of confidence</title>"
-    back = '<rect width="100%" height="100%" fill="#fff"/>'
-    return "\n".join([head + style, title, back, *parts, "</svg>"]) + "\n"
+    return picture.page(size, "Mean error of 2D hair orientation by tenths of confidence", parts)
 
 
 if __name__ == "__main__":

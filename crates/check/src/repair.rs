@@ -186,10 +186,6 @@ pub struct Mended {
 /// Share of its labels that must agree for a view to count as mended. A person mislabels one in ten.
 const MENDED: f64 = 0.8;
 
-fn several_of(repair: Repair, views: &[usize]) -> Mend {
-    Mend::Repair(repair, views.to_vec())
-}
-
 /// The mend after which the most labels agree, of views that disagree now. `None` where none helps them.
 ///
 /// One view that is wrong is found among those that are right; where all are wrong in the same way, all are mended at once.
@@ -207,8 +203,9 @@ pub fn best_mend(rig: &Rig, labels: &[Label], now: &Agreement) -> Option<Mended>
         let is_thinkable = |view: &usize| repair.is_thinkable(&rig.cameras[*view]);
         tried.extend(wrong.iter().filter(|view| is_thinkable(view)).map(|&view| Mend::Repair(repair, vec![view])));
         for several in [&all, &wrong] {
-            if several.len() > 1 && several.iter().any(is_thinkable) && !tried.contains(&several_of(repair, several)) {
-                tried.push(several_of(repair, several));
+            let mend = Mend::Repair(repair, several.clone());
+            if several.len() > 1 && several.iter().any(is_thinkable) && !tried.contains(&mend) {
+                tried.push(mend);
             }
         }
     }

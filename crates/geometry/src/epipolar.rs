@@ -33,24 +33,8 @@ fn off_plane(camera: &Camera, of: &Ray, normal: DVec3) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::project::project;
-    use glam::DMat3;
-    use strandflow_core::{Distortion, RigidTransform};
-
-    fn camera(turn: f64, distortion: Distortion) -> Camera {
-        Camera {
-            name: "c".into(),
-            width: 640,
-            height: 480,
-            focal: [1400.0, 1390.0],
-            principal: [322.0, 241.0],
-            distortion,
-            camera_from_world: RigidTransform {
-                rotation: DMat3::from_rotation_y(turn),
-                translation: DVec3::new(10.0, -20.0, 1500.0),
-            },
-        }
-    }
+    use crate::project::{project, tests::camera};
+    use strandflow_core::Distortion;
 
     #[test]
     fn points_of_one_place_lie_on_each_other_s_lines() {

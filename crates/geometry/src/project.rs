@@ -58,11 +58,12 @@ fn normalised_from_pixel(camera: &Camera, pixel: DVec2) -> DVec2 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use strandflow_core::{Distortion, RigidTransform};
 
-    fn camera(distortion: Distortion) -> Camera {
+    /// A camera turned about the vertical by so much \[rad\].
+    pub(crate) fn camera(turn: f64, distortion: Distortion) -> Camera {
         Camera {
             name: "c".into(),
             width: 640,
@@ -71,7 +72,7 @@ mod tests {
             principal: [322.0, 241.0],
             distortion,
             camera_from_world: RigidTransform {
-                rotation: glam::DMat3::from_rotation_y(0.4),
+                rotation: glam::DMat3::from_rotation_y(turn),
                 translation: DVec3::new(10.0, -20.0, 1500.0),
             },
         }
@@ -80,7 +81,7 @@ mod tests {
     #[test]
     fn a_ray_through_a_projection_meets_its_point() {
         for d in [Distortion::None, Distortion::BrownConrady([-0.3, 0.1, 1e-3, -2e-3, 0.02, 0.01, 0.0, 0.0])] {
-            let camera = camera(d);
+            let camera = camera(0.4, d);
             let point = DVec3::new(60.0, -110.0, 40.0);
             let ray = ray(&camera, project(&camera, point).unwrap());
             let off = (point - ray.origin).reject_from_normalized(ray.direction).length();
@@ -90,7 +91,7 @@ mod tests {
 
     #[test]
     fn the_plane_of_a_projected_direction_holds_the_direction() {
-        let camera = camera(Distortion::BrownConrady([-0.3, 0.1, 1e-3, -2e-3, 0.0, 0.0, 0.0, 0.0]));
+        let camera = camera(0.4, Distortion::BrownConrady([-0.3, 0.1, 1e-3, -2e-3, 0.0, 0.0, 0.0, 0.0]));
         let (point, direction) = (DVec3::new(30.0, 50.0, -20.0), DVec3::new(1.0, 2.0, -0.5).normalize());
         let image_direction = project_direction(&camera, point, direction).unwrap();
         let normal = plane_normal(&camera, project(&camera, point).unwrap(), image_direction);

@@ -246,8 +246,9 @@ fn strands_run_down_the_meridians_and_outliers_are_found() {
     }
 }
 
-/// What the cameras see of the ball after a turn about the vertical: stripes along the meridians, finer and coarser ones.
-fn striped(rig: &Rig, turn: f64) -> Vec<Plane<[u8; 3]>> {
+/// What the cameras see of the ball after a turn about the vertical: stripes along the meridians, finer and coarser ones. `own`
+/// numbers a frame that shows pieces of other strands, too, which no other frame has.
+fn striped(rig: &Rig, turn: f64, own: Option<u32>) -> Vec<Plane<[u8; 3]>> {
     let of = |camera: &Camera| {
         Plane::from_fn(camera.width, camera.height, |x, y| {
             let ray = ray(camera, DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
@@ -258,24 +259,32 @@ fn striped(rig: &Rig, turn: f64) -> Vec<Plane<[u8; 3]>> {
             }
             let point = ray.origin + ray.direction * (-b - inner.sqrt());
             let azimuth = point.y.atan2(point.x) - turn;
-            let light = 128.0
-                + 45.0 * (17.0 * azimuth).sin()
-                + 35.0 * (11.0 * azimuth + 1.0).sin()
-                + 25.0 * (5.0 * azimuth).cos();
-            [light as u8; 3]
+            let stripes =
+                45.0 * (17.0 * azimuth).sin() + 35.0 * (11.0 * azimuth + 1.0).sin() + 25.0 * (5.0 * azimuth).cos();
+            // Of 1.2 mm and 8 mm.
+            let piece = |frame| chance([(50.0 * azimuth).floor() as i64, (point.z / 8.0).floor() as i64, frame]);
+            [(128.0 + stripes + own.map_or(0.0, |frame| 180.0 * piece(frame.into()))) as u8; 3]
         })
     };
     rig.cameras.iter().map(of).collect()
 }
 
-#[test]
-fn motion_across_the_strands_is_seen_and_fills_the_volume() {
+/// A number in −0.5..0.5 that belongs to three others.
+fn chance(of: [i64; 3]) -> f64 {
+    let mixed = of.iter().fold(0x9E37_79B9_7F4A_7C15u64, |mixed, &n| {
+        let mixed = (mixed ^ n as u64).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        mixed ^ (mixed >> 29)
+    });
+    (mixed >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+}
+
+/// Hair that turns about the head by 2 mm at the equator while the head stands: the share of the motion across the strands that is
+/// not explained, and the share that is found (a regression on the truth), on the side that three views see.
+fn motion_across(own: [Option<u32>; 2]) -> (f64, f64) {
     let scene = scene(0.0, None);
-    let lines = scene.lines(Mode::Robust);
-    let field = scene.field(&lines, Mode::Robust);
-    // The hair turns about the head by 2 mm at the equator; the head stands still.
+    let field = scene.field(&scene.lines(Mode::Robust), Mode::Robust);
     let turn = 2.0 / HAIR;
-    let (now, before) = (striped(&scene.rig, turn), striped(&scene.rig, 0.0));
+    let (now, before) = (striped(&scene.rig, turn, own[0]), striped(&scene.rig, 0.0, own[1]));
     let (maps, hairs) = (scene.maps.iter().collect::<Vec<_>>(), scene.hairs.iter().collect::<Vec<_>>());
     let input = MotionInput {
         rig: &scene.rig,
@@ -292,18 +301,34 @@ fn motion_across_the_strands_is_seen_and_fills_the_volume() {
     let found = motion(&input, &FieldSettings::default());
     assert_eq!(found.indices, field.indices);
     let back = DMat3::from_rotation_z(-turn);
-    let (mut errors, mut moved) = (0.0, 0.0);
+    let (mut errors, mut moved, mut product, mut square) = (0.0, 0.0, 0.0, 0.0);
     for (&index, u) in found.indices.iter().zip(&found.values) {
         let point = found.grid.centre_of_index(index as usize);
-        // The side that three views see, away from the poles.
+        // Away from the poles.
         if point.y > 15.0 && point.z.abs() < 35.0 && point.length() > HAIR - 8.0 {
             let truth = point - back * point;
             // Along the strands nothing is seen, and no root is near that would tell.
-            errors += (u.as_dvec3() - truth).reject_from_normalized(meridian(point)).length();
+            let across = u.as_dvec3().reject_from_normalized(meridian(point));
+            errors += (across - truth.reject_from_normalized(meridian(point))).length();
             moved += truth.length();
+            product += across.dot(truth);
+            square += truth.length_squared();
         }
     }
-    assert!(errors < 0.3 * moved, "{:.2} of the motion is not explained", errors / moved);
+    (errors / moved, product / square)
+}
+
+#[test]
+fn motion_across_the_strands_is_seen_and_fills_the_volume() {
+    let (unexplained, _) = motion_across([None, None]);
+    assert!(unexplained < 0.3, "{unexplained:.2} of the motion is not explained");
+}
+
+/// Gradients of single frames would find 0.72 of it.
+#[test]
+fn motion_is_not_made_small_by_texture_that_one_frame_has_alone() {
+    let (_, found) = motion_across([Some(1), Some(2)]);
+    assert!((0.8..1.2).contains(&found), "{found:.2} of the motion is found");
 }
 
 #[test]

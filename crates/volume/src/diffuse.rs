@@ -72,7 +72,7 @@ impl<Q: Quantity> Coupling<Q> for () {
 ///
 /// A strand keeps its length, so l·(∇u)l = 0. Every pair of neighbours along axis a adds β l_a² (l·(uᵢ − uⱼ))², of the lines
 /// of both by halves: motion along a strand comes from its root, however far away that is, while motion across it is free.
-/// *Deviation*: the products of different axes are left out, so that an oblique line also ties the strands beside it.
+/// The products of different axes are left out, which keeps six neighbours; so an oblique line also ties the strands beside it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Inextensible(Vec3);
 

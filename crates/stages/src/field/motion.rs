@@ -63,8 +63,8 @@ pub struct MotionInput<'a> {
     pub world_from_head_before: RigidTransform,
 }
 
-/// Blur of the images, coarse to fine \[px\].
-const SCALES: [f32; 4] = [4.0, 2.0, 1.0, 1.0];
+/// Blur of the images, coarse to fine \[px\], and how often they are compared at it.
+const SCALES: [(f32, usize); 3] = [(4.0, 1), (2.0, 1), (1.0, 2)];
 /// Deviation of the window in which a view's equations are pooled \[px\]. Texture of hair says little in smaller ones.
 const WINDOW_PX: f32 = 24.0;
 /// Least deviation of the neighbourhood that brightness is normalised by \[px\].
@@ -100,15 +100,18 @@ pub fn motion(input: &MotionInput, settings: &FieldSettings) -> SparseVoxels<Vec
         (point - before_from_now.point(point)).as_vec3()
     };
     let mut back: Vec<Vec3> = input.field.indices.par_iter().map(still).collect();
-    for scale in SCALES {
-        let seen: Vec<Vec<Equations>> =
-            views.par_iter().map(|view| view.equations(input, scale, before_from_now, &back)).collect();
-        let mut constraints = rooted.clone();
-        for (rank, seen) in seen.iter().flatten() {
-            constraints[*rank as usize].weight += seen.weight * PIXEL_WEIGHT;
-            constraints[*rank as usize].pull += seen.pull * PIXEL_WEIGHT;
+    for (scale, times) in SCALES {
+        let images: Vec<Images> = views.par_iter().map(|view| view.images(input, scale)).collect();
+        for _ in 0..times {
+            let equations = |(view, images): (&View, &Images)| view.equations(input, images, before_from_now, &back);
+            let seen: Vec<Vec<Equations>> = views.par_iter().zip(&images).map(equations).collect();
+            let mut constraints = rooted.clone();
+            for (rank, seen) in seen.iter().flatten() {
+                constraints[*rank as usize].weight += seen.weight * PIXEL_WEIGHT;
+                constraints[*rank as usize].pull += seen.pull * PIXEL_WEIGHT;
+            }
+            back = diffuse(&grid, &input.field.indices, &constraints, &strands, &solver);
         }
-        back = diffuse(&grid, &input.field.indices, &constraints, &strands, &solver);
     }
     let displacement = |(&index, back): (&u32, Vec3)| {
         let point = grid.centre_of_index(index as usize);
@@ -187,23 +190,30 @@ impl<'a> View<'a> {
         (0..input.rig.view_count()).into_par_iter().filter_map(of).collect()
     }
 
-    /// What the view's images say, blurred by `scale` \[px\]; `back` is the motion so far.
+    /// The view's images, blurred by `scale` \[px\].
+    fn images(&self, input: &MotionInput, scale: f32) -> Images {
+        let (view, region) = (self.view, self.region);
+        Images {
+            now: Normalised::new(input.images[view], input.hairs[view], region, scale),
+            before: Normalised::new(input.images_before[view], input.hairs_before[view], region, scale),
+        }
+    }
+
+    /// What the view's images say; `back` is the motion so far.
     fn equations(
         &self,
         input: &MotionInput,
-        scale: f32,
+        images: &Images,
         before_from_now: RigidTransform,
         back: &[Vec3],
     ) -> Vec<Equations> {
         let (view, region) = (self.view, self.region);
-        let now = Normalised::new(input.images[view], input.hairs[view], region, scale);
-        let before = Normalised::new(input.images_before[view], input.hairs_before[view], region, scale);
         let expected = |shown: &Shown| {
             let point = before_from_now.point(shown.point) + back[shown.rank as usize].as_dvec3();
             Some((point, project(self.camera, point)?))
         };
         let pixels: Vec<Option<(DVec3, DVec2)>> = self.shown.iter().map(expected).collect();
-        let pooled = self.pooled(input.maps[view], &now, &before, &pixels);
+        let pooled = self.pooled(input.maps[view], images, &pixels);
         let equations = |(shown, at): (&Shown, &Option<(DVec3, DVec2)>)| {
             let (point, pixel) = (*at)?;
             let rows = self.image_motion(point, pixel, input.field.values[shown.rank as usize].direction)?;
@@ -217,8 +227,7 @@ impl<'a> View<'a> {
     fn pooled(
         &self,
         map: &OrientationMap,
-        now: &Normalised,
-        before: &Normalised,
+        Images { now, before }: &Images,
         expected: &[Option<(DVec3, DVec2)>],
     ) -> Pooled {
         let region = self.region;
@@ -282,6 +291,12 @@ impl Pooled {
         let shared = (common / (xx + yy).max(1e-9)).clamp(LEAST_SHARED, 1.0);
         [xx, xy, yy, x_miss / shared, y_miss / shared]
     }
+}
+
+/// A view in this frame and in the one before.
+struct Images {
+    now: Normalised,
+    before: Normalised,
 }
 
 /// Luminance of a region, less the local mean of the hair and over its local deviation; zero beside the hair.
