@@ -8,11 +8,21 @@ use strandflow_core::{
     TriMesh,
 };
 use strandflow_stages::{
-    field::FieldVoxel, lift::Line, masks::Masks, orient::OrientationMap, pose::HeadPoses, prune::Pruned, scalp::Scalp,
+    field::FieldVoxel,
+    lift::Line,
+    masks::Masks,
+    orient::{
+        OrientationMap,
+        steady::{Flow, Moment, flow_size, half_size},
+    },
+    pose::HeadPoses,
+    prune::Pruned,
+    scalp::Scalp,
 };
 
 use crate::{
     EngineError, Take,
+    rooms::orient::frames,
     store::{Element, Store},
 };
 
@@ -94,8 +104,18 @@ impl Store {
         frame: usize,
         size: (usize, usize),
     ) -> Result<OrientationMap, EngineError> {
-        let angle: Plane<u16> = self.image_plane("orient/angle", view, frame, size)?;
-        let confidence: Plane<u8> = self.image_plane("orient/confidence", view, frame, size)?;
+        self.orientation_map(["orient/angle", "orient/confidence"], view, frame, size)
+    }
+
+    fn orientation_map(
+        &self,
+        [angle, confidence]: [&str; 2],
+        view: usize,
+        frame: usize,
+        size: (usize, usize),
+    ) -> Result<OrientationMap, EngineError> {
+        let angle: Plane<u16> = self.image_plane(angle, view, frame, size)?;
+        let confidence: Plane<u8> = self.image_plane(confidence, view, frame, size)?;
         let step = std::f32::consts::PI / ANGLE_STEPS;
         Ok(OrientationMap {
             angle: angle.map(|&a| f32::from(a) * step),
@@ -183,6 +203,24 @@ impl Take {
     /// Orientation map of one view and frame.
     pub fn read_orientation(&self, view: usize, frame: usize) -> Result<OrientationMap, EngineError> {
         self.store().read_orientation(view, frame, self.size_of(view))
+    }
+
+    /// Orientation map of one view and frame, from this frame alone.
+    pub(crate) fn read_lone_orientation(&self, view: usize, frame: usize) -> Result<OrientationMap, EngineError> {
+        self.store().orientation_map(frames::MAP, view, frame, self.size_of(view))
+    }
+
+    /// A frame as its neighbours see it.
+    pub(crate) fn read_moment(&self, view: usize, frame: usize) -> Result<Moment, EngineError> {
+        let half = self.store().orientation_map(frames::HALF, view, frame, half_size(self.size_of(view)))?;
+        Ok(Moment { half, back: self.read_flow_back(view, frame)? })
+    }
+
+    /// Flow of the image to the frame before.
+    pub(crate) fn read_flow_back(&self, view: usize, frame: usize) -> Result<Flow, EngineError> {
+        let plane = |path| self.store().image_plane(path, view, frame, flow_size(self.size_of(view)));
+        let [u, v] = frames::BACK;
+        Ok(Flow { u: plane(u)?, v: plane(v)? })
     }
 
     fn image_plane<T: Element>(&self, path: &str, view: usize, frame: usize) -> Result<Plane<T>, EngineError> {

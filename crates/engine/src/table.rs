@@ -116,10 +116,13 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "orient",
         summary: "orientation of every hair pixel",
-        version: 5,
+        version: 6,
         has_modes: true,
         settings: settings_of!(orient),
-        phases: &[phase!("orient/orient", ViewFrame, Frames, rooms::orient)],
+        phases: &[
+            phase!("orient/frames", ViewFrame, Frames, rooms::orient::frames),
+            phase!("orient/orient", ViewFrame, Frames, rooms::orient),
+        ],
     },
     Stage {
         name: "lift",

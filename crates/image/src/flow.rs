@@ -65,6 +65,32 @@ impl Flow {
         };
         Self { u: up(&self.u), v: up(&self.v) }
     }
+
+    /// This flow and from where it ends the next one: x → x + u(x) + next(x + u(x)).
+    pub fn then(&self, next: &Self) -> Self {
+        self.mapped(|x, y, u, v| {
+            let [nu, nv] = next.at(x + u, y + v);
+            [u + nu, v + nv]
+        })
+    }
+
+    /// The flow the other way, by fixed-point iteration; only near where the flow is smooth, as it is at coarse resolution.
+    pub fn inverse(&self) -> Self {
+        const ITERATIONS: usize = 4;
+        let negative = |[u, v]: [f32; 2]| [-u, -v];
+        let first = self.mapped(|_, _, u, v| negative([u, v]));
+        (1..ITERATIONS).fold(first, |back, _| back.mapped(|x, y, u, v| negative(self.at(x + u, y + v))))
+    }
+
+    /// Another displacement for every pixel, from its image point and its displacement.
+    fn mapped(&self, f: impl Fn(f32, f32, f32, f32) -> [f32; 2]) -> Self {
+        let mut out = self.clone();
+        for (i, (u, v)) in out.u.data.iter_mut().zip(&mut out.v.data).enumerate() {
+            let (x, y) = (i % self.u.width, i / self.u.width);
+            [*u, *v] = f(x as f32 + 0.5, y as f32 + 0.5, *u, *v);
+        }
+        out
+    }
 }
 
 /// Flow from `from` to `to`, several channels each of one size: I_to(x + u) ≈ I_from(x).
@@ -89,15 +115,20 @@ pub fn flow(from: &[Plane<f32>], to: &[Plane<f32>], options: &FlowOptions) -> Fl
 
 /// Flow of a region of one image to another in colour, computed after `halvings` of the resolution and doubled as often.
 pub fn flow_of_region(from: &RgbImage, to: &RgbImage, region: Region, halvings: usize) -> Flow {
+    let sizes: Vec<(usize, usize)> =
+        (0..halvings).map(|k| (region.width.div_ceil(1 << k), region.height.div_ceil(1 << k))).collect();
+    let coarse = coarse_flow(from, to, region, halvings);
+    sizes.into_iter().rev().fold(coarse, |flow, (width, height)| flow.doubled(width, height))
+}
+
+/// Flow of a region of one image to another in colour, at the resolution that is left after `halvings` \[px of that size\].
+pub fn coarse_flow(from: &RgbImage, to: &RgbImage, region: Region, halvings: usize) -> Flow {
     let channels = |image: &RgbImage| {
         let full = |c: usize| region.crop(image, |colour| f32::from(colour[c]));
         [0, 1, 2].map(|c| (0..halvings).fold(full(c), |plane, _| halved(&plane))).to_vec()
     };
-    let sizes: Vec<(usize, usize)> =
-        (0..halvings).map(|k| (region.width.div_ceil(1 << k), region.height.div_ceil(1 << k))).collect();
     let options = FlowOptions { levels: 5 - halvings.min(4), ..FlowOptions::default() };
-    let coarse = flow(&channels(from), &channels(to), &options);
-    sizes.into_iter().rev().fold(coarse, |flow, (width, height)| flow.doubled(width, height))
+    flow(&channels(from), &channels(to), &options)
 }
 
 /// Length of the round trip x → x + f(x) → back \[px\] at every pixel.
@@ -208,6 +239,22 @@ fn refine(from: &[Plane<f32>], to: &[Plane<f32>], flow: &mut Flow, options: &Flo
 mod tests {
     use super::*;
     use crate::filter::gaussian;
+
+    #[test]
+    fn a_flow_and_its_inverse_end_where_they_began() {
+        // A turn and a stretch about the middle, to 4 px at the borders.
+        let (w, h) = (60, 50);
+        let part = |of: fn(f32, f32) -> f32| Plane::from_fn(w, h, |x, y| of(x as f32 - 29.5, y as f32 - 24.5));
+        let flow = Flow { u: part(|x, y| 0.05 * x - 0.1 * y), v: part(|x, y| 0.1 * x + 0.08 * y) };
+        let there_and_back = flow.inverse().then(&flow);
+        for (y, x) in (8..42).flat_map(|y| (8..52).map(move |x| (y, x))) {
+            let off = there_and_back.u[(x, y)].hypot(there_and_back.v[(x, y)]);
+            assert!(off < 0.02, "{x} {y}: {off} px");
+        }
+        // At (9.5, -0.5) from the middle: (0.525, 0.91), and from where that ends (0.50125 - 0.041, …).
+        let twice = flow.then(&flow);
+        assert!((twice.u[(39, 24)] - 0.985_25).abs() < 1e-4, "{}", twice.u[(39, 24)]);
+    }
 
     fn noise(width: usize, height: usize, seed: u32) -> Plane<f32> {
         let mut state = seed;

@@ -50,6 +50,11 @@ impl Region {
         Self { x, y, width: x1 - x, height: y1 - y }
     }
 
+    /// All its pixels (column, row), row by row.
+    pub fn pixels(self) -> impl Iterator<Item = (usize, usize)> {
+        (self.y..self.y + self.height).flat_map(move |y| (self.x..self.x + self.width).map(move |x| (x, y)))
+    }
+
     /// The corner with the smallest coordinates, as an image point \[px\].
     pub fn corner(&self) -> DVec2 {
         DVec2::new(self.x as f64, self.y as f64)

@@ -15,6 +15,21 @@ pub fn bilinear(plane: &Plane<f32>, u: f32, v: f32) -> f32 {
     top + fy * (bottom - top)
 }
 
+/// [`bilinear`] of several values a pixel at once.
+#[inline]
+pub fn bilinear_of<const N: usize>(plane: &Plane<[f32; N]>, u: f32, v: f32) -> [f32; N] {
+    let (x, y) = ((u - 0.5).clamp(0.0, (plane.width - 1) as f32), (v - 0.5).clamp(0.0, (plane.height - 1) as f32));
+    let (x0, y0) = (x as usize, y as usize);
+    let (x1, y1) = ((x0 + 1).min(plane.width - 1), (y0 + 1).min(plane.height - 1));
+    let (fx, fy) = (x - x0 as f32, y - y0 as f32);
+    let (a, b) = (plane.row(y0), plane.row(y1));
+    std::array::from_fn(|k| {
+        let top = a[x0][k] + fx * (a[x1][k] - a[x0][k]);
+        let bottom = b[x0][k] + fx * (b[x1][k] - b[x0][k]);
+        top + fy * (bottom - top)
+    })
+}
+
 /// Catmull–Rom bicubic sample at an image point \[px\].
 pub fn bicubic(plane: &Plane<f32>, u: f32, v: f32) -> f32 {
     let (x, y) = ((u - 0.5).clamp(0.0, (plane.width - 1) as f32), (v - 0.5).clamp(0.0, (plane.height - 1) as f32));

@@ -16,6 +16,7 @@ use crate::{Mode, SettingViolation, StageError};
 
 mod exposure;
 mod focus;
+pub mod steady;
 
 /// Share of the hair that may be overexposed without a word. Lower, and every good highlight is a finding; higher, and a lamp
 /// that burns out a lock goes unsaid.
@@ -48,6 +49,8 @@ pub struct OrientSettings {
     pub pool_along_px: f32,
     /// Sigma of the surroundings that decide where a pixel's own texture says little \[px\]; 0: none.
     pub support_px: f32,
+    /// Frames before, and frames after, that a frame's orientations are averaged with; 0: none.
+    pub over_frames: usize,
 }
 
 impl Default for OrientSettings {
@@ -60,6 +63,7 @@ impl Default for OrientSettings {
             pool_px: 5.0,
             pool_along_px: 10.0,
             support_px: 12.0,
+            over_frames: 2,
         }
     }
 }
@@ -86,6 +90,7 @@ impl OrientSettings {
             "an even number from 4 on",
             "orientations are filtered in mirrored pairs",
         );
+        unless(self.over_frames <= 10, "over_frames", self.over_frames.to_string(), "0..=10", "hair turns within more");
         for (field, value, low, high) in [
             ("highpass_px", self.highpass_px, 1.0, 100.0),
             ("noise_codes", self.noise_codes, 0.1, 100.0),

@@ -10,9 +10,15 @@ use crate::{
     table::Job,
 };
 
+/// The size of a plane that belongs to an image of some size (width, height).
+pub(crate) type Scale = fn((usize, usize)) -> (usize, usize);
+
+/// Planes of the images' own size.
+pub(crate) const FULL: Scale = |size| size;
+
 /// Makes image arrays for all frames and views.
-pub(crate) fn ensure_images(job: &Job, phase: &str, paths: &[&str]) -> Result<(), EngineError> {
-    let (width, height) = largest(job);
+pub(crate) fn ensure_images(job: &Job, phase: &str, paths: &[&str], scale: Scale) -> Result<(), EngineError> {
+    let (width, height) = scale(largest(job));
     let names: Vec<&str> = job.take.rig().cameras.iter().map(|camera| camera.name.as_str()).collect();
     let shape = [job.plan.end, names.len(), height, width];
     for path in paths {
@@ -25,11 +31,11 @@ pub(crate) fn ensure_images(job: &Job, phase: &str, paths: &[&str]) -> Result<()
 pub(crate) fn write_image<T: Element + Default>(
     job: &Job,
     out: &mut Writer,
-    path: &str,
+    (path, scale): (&str, Scale),
     (view, frame): (usize, usize),
     plane: &Plane<T>,
 ) -> Result<(), EngineError> {
-    let (width, height) = largest(job);
+    let (width, height) = scale(largest(job));
     if (plane.width, plane.height) == (width, height) {
         return out.chunk(path, &[frame, view, 0, 0], &plane.data);
     }

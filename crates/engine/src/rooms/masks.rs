@@ -21,7 +21,7 @@ const PHASE: &str = "masks/masks";
 const ARRAYS: [&str; 2] = ["masks/subject", "masks/hair"];
 
 pub(crate) fn prepare(job: &Job) -> Result<(), EngineError> {
-    images::ensure_images(job, PHASE, &ARRAYS)
+    images::ensure_images(job, PHASE, &ARRAYS, images::FULL)
 }
 
 pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), EngineError> {
@@ -138,8 +138,8 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
     };
     let masks = strandflow_stages::masks::masks(&input, job.plan.mode, &job.plan.settings.masks, report)
         .map_err(of_stage("masks"))?;
-    images::write_image(job, out, ARRAYS[0], (view, frame), &masks.subject)?;
-    images::write_image(job, out, ARRAYS[1], (view, frame), &masks.hair)
+    images::write_image(job, out, (ARRAYS[0], images::FULL), (view, frame), &masks.subject)?;
+    images::write_image(job, out, (ARRAYS[1], images::FULL), (view, frame), &masks.hair)
 }
 
 /// What was learnt of the hair in each view: its frames share it.
