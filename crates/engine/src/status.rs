@@ -11,7 +11,7 @@ use crate::{
     EngineError, Plan, Take,
     item::Item,
     store::Failure,
-    table::{Job, Phase, STAGES, Stage},
+    table::{Job, Phase, STAGES, Stage, phases},
 };
 
 /// The state of one work item.
@@ -48,6 +48,27 @@ pub struct PhaseStatus {
 }
 
 impl PhaseStatus {
+    /// The items of a phase, counted.
+    pub fn of(states: &PhaseStates) -> Self {
+        let mut found = Self { phase: states.phase, ..Self::default() };
+        for state in states.chains.iter().flatten() {
+            found.items += 1;
+            match state {
+                State::Done => found.done += 1,
+                State::Missing => found.missing += 1,
+                State::Stale(reason) => {
+                    found.stale += 1;
+                    *found.reasons.entry(reason.clone()).or_default() += 1;
+                }
+                State::Failed(failure) => {
+                    found.failed += 1;
+                    *found.reasons.entry(failure.error.clone()).or_default() += 1;
+                }
+            }
+        }
+        found
+    }
+
     /// Whether everything is there and rests on what is there now.
     pub fn is_done(&self) -> bool {
         self.items > 0 && self.done == self.items
@@ -74,58 +95,70 @@ impl fmt::Display for PhaseStatus {
 /// # Errors
 /// `Disk` where a file of the user cannot be read.
 pub fn status(take: &Take, plan: &Plan) -> Result<Vec<PhaseStatus>, EngineError> {
-    status_before(take, plan, STAGES.len())
+    status_before(take, plan, phases().count())
 }
 
-/// The state of the phases of the first stages, as many as `count`.
+/// The state of the first phases, as many as `count`.
 ///
 /// # Errors
 /// As [`status`].
 pub fn status_before(take: &Take, plan: &Plan, count: usize) -> Result<Vec<PhaseStatus>, EngineError> {
-    let job = Job { take, plan };
-    let mut unfinished = HashSet::new();
-    let mut phases = Vec::new();
-    for stage in &STAGES[..count] {
-        for phase in stage.phases {
-            phases.push(phase_status(&job, stage, phase, &mut unfinished)?);
-        }
-    }
-    Ok(phases)
+    let states = states(take, plan, count, Look::Records)?;
+    Ok(states.iter().map(PhaseStatus::of).collect())
 }
 
-fn phase_status(
+/// How closely results are looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Look {
+    /// By their records.
+    Records,
+    /// By their files too: reads all results.
+    Files,
+}
+
+/// The items of one phase and their states.
+#[derive(Clone, Debug)]
+pub struct PhaseStates {
+    /// `stage/phase`.
+    pub phase: &'static str,
+    /// The states, chain by chain; none where it is not known yet which items there are.
+    pub chains: Vec<Vec<State>>,
+}
+
+/// The states of all items of the first phases, as many as `count`.
+///
+/// # Errors
+/// As [`status`].
+pub fn states(take: &Take, plan: &Plan, count: usize, look: Look) -> Result<Vec<PhaseStates>, EngineError> {
+    let job = Job::new(take, plan);
+    let mut unfinished = HashSet::new();
+    phases().take(count).map(|(stage, phase)| phase_states(&job, (stage, phase), look, &mut unfinished)).collect()
+}
+
+fn phase_states(
     job: &Job,
-    stage: &Stage,
-    phase: &Phase,
+    (stage, phase): (&Stage, &'static Phase),
+    look: Look,
     unfinished: &mut HashSet<String>,
-) -> Result<PhaseStatus, EngineError> {
-    let mut found = PhaseStatus { phase: phase.name, ..PhaseStatus::default() };
+) -> Result<PhaseStates, EngineError> {
     let chains = match phase.chains(job) {
         Ok(chains) => chains,
-        Err(EngineError::Missing { .. }) => return Ok(found),
+        Err(EngineError::Missing { .. }) => Vec::new(),
         Err(error) => return Err(error),
     };
-    for &item in chains.iter().flatten() {
-        found.items += 1;
+    let mut state_of = |item: Item| {
         let key = item.key(phase.name);
-        let state = item_state(job, stage, phase, (item, &key), unfinished)?;
+        let mut state = item_state(job, stage, phase, (item, &key), unfinished)?;
+        if state == State::Done && look == Look::Files {
+            state = job.take.store().damage(&key).map_or(state, |damage| State::Stale(format!("damaged: {damage}")));
+        }
         if state != State::Done {
             unfinished.insert(key);
         }
-        match state {
-            State::Done => found.done += 1,
-            State::Missing => found.missing += 1,
-            State::Stale(reason) => {
-                found.stale += 1;
-                *found.reasons.entry(reason).or_default() += 1;
-            }
-            State::Failed(failure) => {
-                found.failed += 1;
-                *found.reasons.entry(failure.error).or_default() += 1;
-            }
-        }
-    }
-    Ok(found)
+        Ok(state)
+    };
+    let chains = chains.into_iter().map(|chain| chain.into_iter().map(&mut state_of).collect());
+    Ok(PhaseStates { phase: phase.name, chains: chains.collect::<Result<_, EngineError>>()? })
 }
 
 fn item_state(
@@ -165,7 +198,7 @@ impl Take {
     /// # Errors
     /// `Input` where an item is not finished.
     pub fn must_be_done(&self, stage: &str, plan: &Plan) -> Result<(), EngineError> {
-        let job = Job { take: self, plan };
+        let job = Job::new(self, plan);
         for phase in STAGES[crate::stage_index(stage)?].phases {
             let chains = phase.chains(&job).unwrap_or_default();
             let mut keys = chains.iter().flatten().map(|item| item.key(phase.name)).peekable();

@@ -1,5 +1,7 @@
 //! The stage table: `run`, `status`, resume and progress all derive from it.
 
+use std::ops::Range;
+
 use strandflow_core::Report;
 
 use crate::{
@@ -16,6 +18,15 @@ pub struct Job<'a> {
     pub take: &'a Take,
     /// Mode, settings, frames.
     pub plan: &'a Plan,
+    /// Whether this is one of many tasks: what others may have written is not removed.
+    pub is_task: bool,
+}
+
+impl<'a> Job<'a> {
+    /// All that is to be done with a take.
+    pub fn new(take: &'a Take, plan: &'a Plan) -> Self {
+        Self { take, plan, is_task: false }
+    }
 }
 
 /// Which frames the per-frame items of a phase cover.
@@ -51,6 +62,10 @@ pub struct Phase {
     pub kind: Kind,
     /// Which frames they cover.
     pub span: Span,
+    /// Phases of which an item reads the item of its own frame, view or block, and no other.
+    pub same: &'static [&'static str],
+    /// Phases of which an item reads others.
+    pub others: &'static [&'static str],
     /// Makes the arrays; called once the stages before have run.
     pub prepare: fn(&Job) -> Result<(), EngineError>,
     /// States what an item rests on.
@@ -66,12 +81,14 @@ macro_rules! settings_of {
 }
 
 macro_rules! phase {
-    ($name:literal, $kind:ident, $span:ident, $($room:ident)::+) => {{
+    ($name:literal, $kind:ident, $span:ident, $($room:ident)::+, same $same:expr, others $others:expr) => {{
         use $($room)::+ as room;
         Phase {
             name: $name,
             kind: Kind::$kind,
             span: Span::$span,
+            same: &$same,
+            others: &$others,
             prepare: room::prepare,
             needs: room::needs,
             run: room::run,
@@ -87,7 +104,7 @@ pub static STAGES: [Stage; 13] = [
         version: 7,
         has_modes: true,
         settings: settings_of!(masks),
-        phases: &[phase!("masks/masks", ViewFrameChained, Lead, rooms::masks)],
+        phases: &[phase!("masks/masks", ViewFrameChained, Lead, rooms::masks, same [], others [])],
     },
     Stage {
         name: "hull",
@@ -95,7 +112,10 @@ pub static STAGES: [Stage; 13] = [
         version: 2,
         has_modes: false,
         settings: settings_of!(hull),
-        phases: &[phase!("hull/grid", Take, Lead, rooms::hull::grid), phase!("hull/hull", Frame, Lead, rooms::hull)],
+        phases: &[
+            phase!("hull/grid", Take, Lead, rooms::hull::grid, same [], others ["masks/masks"]),
+            phase!("hull/hull", Frame, Lead, rooms::hull, same [], others ["masks/masks", "hull/grid"]),
+        ],
     },
     Stage {
         name: "pose",
@@ -103,7 +123,7 @@ pub static STAGES: [Stage; 13] = [
         version: 4,
         has_modes: true,
         settings: settings_of!(pose),
-        phases: &[phase!("pose/pose", Take, Lead, rooms::pose)],
+        phases: &[phase!("pose/pose", Take, Lead, rooms::pose, same [], others [])],
     },
     Stage {
         name: "scalp",
@@ -111,7 +131,9 @@ pub static STAGES: [Stage; 13] = [
         version: 2,
         has_modes: false,
         settings: settings_of!(scalp),
-        phases: &[phase!("scalp/scalp", Take, Lead, rooms::scalp)],
+        phases: &[
+            phase!("scalp/scalp", Take, Lead, rooms::scalp, same [], others ["masks/masks", "hull/grid", "hull/hull", "pose/pose"]),
+        ],
     },
     Stage {
         name: "orient",
@@ -119,7 +141,7 @@ pub static STAGES: [Stage; 13] = [
         version: 5,
         has_modes: true,
         settings: settings_of!(orient),
-        phases: &[phase!("orient/orient", ViewFrame, Frames, rooms::orient)],
+        phases: &[phase!("orient/orient", ViewFrame, Frames, rooms::orient, same ["masks/masks"], others [])],
     },
     Stage {
         name: "lift",
@@ -127,7 +149,9 @@ pub static STAGES: [Stage; 13] = [
         version: 1,
         has_modes: true,
         settings: settings_of!(lift),
-        phases: &[phase!("lift/lift", Frame, Frames, rooms::lift)],
+        phases: &[
+            phase!("lift/lift", Frame, Frames, rooms::lift, same ["hull/hull"], others ["masks/masks", "hull/grid", "orient/orient"]),
+        ],
     },
     Stage {
         name: "field",
@@ -136,8 +160,8 @@ pub static STAGES: [Stage; 13] = [
         has_modes: true,
         settings: settings_of!(field),
         phases: &[
-            phase!("field/field", Frame, Frames, rooms::field),
-            phase!("field/motion", Frame, Frames, rooms::field::motion),
+            phase!("field/field", Frame, Frames, rooms::field, same ["hull/hull", "lift/lift"], others ["masks/masks", "hull/grid", "pose/pose", "scalp/scalp"]),
+            phase!("field/motion", Frame, Frames, rooms::field::motion, same ["field/field"], others ["masks/masks", "hull/grid", "pose/pose", "scalp/scalp", "orient/orient"]),
         ],
     },
     Stage {
@@ -146,7 +170,9 @@ pub static STAGES: [Stage; 13] = [
         version: 6,
         has_modes: true,
         settings: settings_of!(grow),
-        phases: &[phase!("grow/grow", FrameChained, Frames, rooms::grow)],
+        phases: &[
+            phase!("grow/grow", FrameChained, Frames, rooms::grow, same ["field/field", "field/motion"], others ["hull/grid", "pose/pose", "scalp/scalp"]),
+        ],
     },
     Stage {
         name: "prune",
@@ -154,7 +180,9 @@ pub static STAGES: [Stage; 13] = [
         version: 3,
         has_modes: true,
         settings: settings_of!(prune),
-        phases: &[phase!("prune/prune", Frame, Frames, rooms::prune)],
+        phases: &[
+            phase!("prune/prune", Frame, Frames, rooms::prune, same ["hull/hull", "grow/grow"], others ["hull/grid", "orient/orient"]),
+        ],
     },
     Stage {
         name: "smooth",
@@ -163,9 +191,9 @@ pub static STAGES: [Stage; 13] = [
         has_modes: true,
         settings: settings_of!(smooth),
         phases: &[
-            phase!("smooth/frames", Frame, Frames, rooms::smooth::frames),
-            phase!("smooth/topology", Take, Frames, rooms::smooth::topology),
-            phase!("smooth/trim", Block, Frames, rooms::smooth::trim),
+            phase!("smooth/frames", Frame, Frames, rooms::smooth::frames, same ["prune/prune"], others []),
+            phase!("smooth/topology", Take, Frames, rooms::smooth::topology, same [], others ["scalp/scalp", "smooth/frames"]),
+            phase!("smooth/trim", Block, Frames, rooms::smooth::trim, same [], others ["smooth/frames", "smooth/topology"]),
         ],
     },
     Stage {
@@ -174,7 +202,7 @@ pub static STAGES: [Stage; 13] = [
         version: 9,
         has_modes: true,
         settings: settings_of!(fit),
-        phases: &[phase!("fit/fit", Block, Frames, rooms::fit)],
+        phases: &[phase!("fit/fit", Block, Frames, rooms::fit, same["smooth/trim"], others["pose/pose"])],
     },
     Stage {
         name: "flow",
@@ -182,7 +210,7 @@ pub static STAGES: [Stage; 13] = [
         version: 1,
         has_modes: true,
         settings: settings_of!(flow),
-        phases: &[phase!("flow/flow", Frame, Frames, rooms::flow)],
+        phases: &[phase!("flow/flow", Frame, Frames, rooms::flow, same ["hull/hull"], others ["hull/grid", "fit/fit"])],
     },
     Stage {
         name: "blend",
@@ -190,7 +218,9 @@ pub static STAGES: [Stage; 13] = [
         version: 2,
         has_modes: true,
         settings: settings_of!(blend),
-        phases: &[phase!("blend/blend", Frame, Frames, rooms::blend)],
+        phases: &[
+            phase!("blend/blend", Frame, Frames, rooms::blend, same ["hull/hull"], others ["hull/grid", "pose/pose", "scalp/scalp", "fit/fit", "flow/flow"]),
+        ],
     },
 ];
 
@@ -207,6 +237,43 @@ pub fn stage_index(name: &str) -> Result<usize, EngineError> {
             format!("choose one of {}", names.join(", ")),
         )
     })
+}
+
+/// All phases with their stages, in order.
+pub fn phases() -> impl Iterator<Item = (&'static Stage, &'static Phase)> {
+    STAGES.iter().flat_map(|stage| stage.phases.iter().map(move |phase| (stage, phase)))
+}
+
+/// The phases of a stage, or the one phase of a name `stage/phase`, as indices into [`phases`].
+///
+/// # Errors
+/// `Input` for a name that the table does not have.
+pub fn phase_range(name: &str) -> Result<Range<usize>, EngineError> {
+    let stage = stage_index(name.split('/').next().unwrap_or_default())?;
+    let first: usize = STAGES[..stage].iter().map(|stage| stage.phases.len()).sum();
+    let phases = STAGES[stage].phases;
+    if !name.contains('/') {
+        return Ok(first..first + phases.len());
+    }
+    let at = phases.iter().position(|phase| phase.name == name).ok_or_else(|| {
+        let names: Vec<&str> = phases.iter().map(|phase| phase.name).collect();
+        let hint = format!("choose one of {}", names.join(", "));
+        EngineError::input(format!("phase `{name}`"), "there is no such phase", hint)
+    })?;
+    Ok(first + at..first + at + 1)
+}
+
+/// The item of a key, with its stage and phase.
+///
+/// # Errors
+/// `Missing` where the plan has no such item.
+pub fn item_of(key: &str, job: &Job) -> Result<(&'static Stage, &'static Phase, Item), EngineError> {
+    let missing = || EngineError::Missing { item: key.to_owned() };
+    let of_phase = |phase: &Phase| key.strip_prefix(phase.name).is_some_and(|rest| rest.starts_with('/'));
+    let (stage, phase) = phases().find(|(_, phase)| of_phase(phase)).ok_or_else(missing)?;
+    let items = phase.chains(job)?.into_iter().flatten();
+    let item = { items }.find(|item| item.key(phase.name) == key).ok_or_else(missing)?;
+    Ok((stage, phase, item))
 }
 
 impl Stage {

@@ -60,7 +60,7 @@ impl Store {
     /// # Errors
     /// `Disk`.
     pub fn write_record(&self, item: &str, record: &Record) -> Result<(), EngineError> {
-        disk::write_atomic(&self.record_path(item), to_json(record)?.as_bytes())
+        self.put(&self.record_path(item), to_json(record)?.as_bytes())
     }
 
     /// Declares an item failed.
@@ -68,7 +68,7 @@ impl Store {
     /// # Errors
     /// `Disk`.
     pub fn write_failure(&self, item: &str, failure: &Failure) -> Result<(), EngineError> {
-        disk::write_atomic(&self.failure_path(item), to_json(failure)?.as_bytes())
+        self.put(&self.failure_path(item), to_json(failure)?.as_bytes())
     }
 
     /// Declares an item neither finished nor failed; before anything of it is written.

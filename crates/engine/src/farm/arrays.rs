@@ -1,0 +1,184 @@
+//! Which tasks there are, how many items each has, and what it waits for.
+
+use std::ops::Range;
+
+use crate::{
+    EngineError, Plan, Take,
+    farm::Durations,
+    item::{BLOCK_STRANDS, Kind},
+    status::{Look, PhaseStates, State, states},
+    table::{Phase, phases},
+};
+
+/// How long tasks are to be.
+#[derive(Clone, Copy, Debug)]
+pub struct Sizes {
+    /// Seconds that a task lasts at least, where there is so much to do.
+    pub task_secs: f64,
+    /// The most tasks of one array.
+    pub max_tasks: usize,
+}
+
+/// The tasks of one phase.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Array {
+    /// `stage/phase`.
+    pub phase: &'static str,
+    /// Chains of the phase; of strands, which are not counted before the scalp is there, as many as there can be.
+    pub chains: usize,
+    /// Chains of a task: task n does those from n times as many on.
+    pub per_task: usize,
+    /// Tasks that have something to do.
+    pub tasks: Vec<usize>,
+    /// What they wait for.
+    pub after: Vec<After>,
+}
+
+/// An array that another waits for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct After {
+    /// Its phase.
+    pub phase: &'static str,
+    /// Whether each task waits for the task of its own number alone.
+    pub corresponding: bool,
+}
+
+impl Array {
+    /// How many tasks cover all chains.
+    pub fn task_count(&self) -> usize {
+        self.chains.div_ceil(self.per_task)
+    }
+}
+
+/// The arrays of some phases (indices into the table), as far as anything is left to do in them.
+///
+/// # Errors
+/// `Disk` where a file of the user cannot be read.
+pub fn arrays(
+    take: &Take,
+    plan: &Plan,
+    range: Range<usize>,
+    sizes: Sizes,
+    durations: &Durations,
+) -> Result<Vec<Array>, EngineError> {
+    let states = states(take, plan, range.end, Look::Records)?;
+    let scalp_is_done =
+        states.iter().any(|states| states.phase == "scalp/scalp" && is_done(states.chains.iter().flatten()));
+    let blocks = if scalp_is_done { 0 } else { plan.settings.scalp.root_count.div_ceil(BLOCK_STRANDS) };
+    let asked = phases().zip(&states).skip(range.start);
+    let rows = asked.filter_map(|((_, phase), states)| {
+        let at_least = if phase.kind == Kind::Block { blocks } else { 1 };
+        let secs = durations.secs(phase, plan.frames.len());
+        Row::of(phase, states, at_least, secs)
+    });
+    let mut rows: Vec<Row> = rows.collect();
+    Row::size(&mut rows, sizes);
+    Ok((0..rows.len()).map(|at| rows[at].array(&rows[..at])).collect())
+}
+
+fn is_done<'a>(mut states: impl Iterator<Item = &'a State>) -> bool {
+    states.all(|state| *state == State::Done)
+}
+
+/// An array in the making.
+struct Row {
+    phase: &'static Phase,
+    /// Whether something is left to do, chain by chain.
+    pending: Vec<bool>,
+    /// Seconds of the longest chain.
+    chain_secs: f64,
+    per_task: usize,
+}
+
+impl Row {
+    /// `None` where nothing is left to do.
+    fn of(phase: &'static Phase, states: &PhaseStates, at_least: usize, item_secs: f64) -> Option<Self> {
+        let mut pending: Vec<bool> = states.chains.iter().map(|chain| !is_done(chain.iter())).collect();
+        pending.resize(pending.len().max(at_least), true);
+        let longest = states.chains.iter().map(Vec::len).max().unwrap_or(1);
+        let row = Self { phase, pending, chain_secs: longest as f64 * item_secs, per_task: 1 };
+        row.pending.contains(&true).then_some(row)
+    }
+
+    /// Whether task n can go on where task n of the array before ends.
+    fn follows(&self, before: &Self) -> bool {
+        let alike = self.phase.kind == before.phase.kind && self.phase.span == before.phase.span;
+        alike && self.phase.same.contains(&before.phase.name) && self.pending.len() == before.pending.len()
+    }
+
+    /// Chooses how many chains a task has; arrays of which one follows the other have the same.
+    fn size(rows: &mut [Self], sizes: Sizes) {
+        for row in &mut *rows {
+            let long = (sizes.task_secs / row.chain_secs.max(1e-6)).ceil() as usize;
+            let few = row.pending.len().div_ceil(sizes.max_tasks.max(1));
+            row.per_task = long.max(few).clamp(1, row.pending.len());
+        }
+        let mut first = 0;
+        for at in 0..rows.len() {
+            if at > 0 && !rows[at].follows(&rows[at - 1]) {
+                first = at;
+            }
+            let most = rows[first..=at].iter().map(|row| row.per_task).max().unwrap_or(1);
+            rows[first..=at].iter_mut().for_each(|row| row.per_task = most);
+        }
+    }
+
+    fn tasks(&self) -> Vec<usize> {
+        let tasks = self.pending.chunks(self.per_task).enumerate();
+        tasks.filter(|(_, pending)| pending.contains(&true)).map(|(task, _)| task).collect()
+    }
+
+    fn array(&self, before: &[Self]) -> Array {
+        let tasks = self.tasks();
+        let reads = |other: &&Row| [self.phase.same, self.phase.others].iter().any(|of| of.contains(&other.phase.name));
+        let nearest = before.last().map(|row| row.phase.name);
+        let after = |other: &Row| After {
+            phase: other.phase.name,
+            corresponding: nearest == Some(other.phase.name) && self.follows(other) && other.tasks() == tasks,
+        };
+        let after = before.iter().filter(reads).map(after).collect();
+        Array { phase: self.phase.name, chains: self.pending.len(), per_task: self.per_task, tasks, after }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(name: &str, pending: &[bool], secs: f64) -> Row {
+        let phase = phases().find(|(_, phase)| phase.name == name).unwrap().1;
+        Row { phase, pending: pending.to_vec(), chain_secs: secs, per_task: 0 }
+    }
+
+    fn sized(mut rows: Vec<Row>, task_secs: f64, max_tasks: usize) -> Vec<Array> {
+        Row::size(&mut rows, Sizes { task_secs, max_tasks });
+        (0..rows.len()).map(|at| rows[at].array(&rows[..at])).collect()
+    }
+
+    #[test]
+    fn short_items_share_a_task_and_tasks_that_follow_one_another_have_the_same() {
+        let all = [true; 60];
+        let arrays = sized(vec![row("lift/lift", &all, 2.0), row("field/field", &all, 10.0)], 30.0, 1000);
+        assert_eq!((arrays[0].per_task, arrays[1].per_task), (15, 15));
+        assert_eq!(arrays[1].tasks, [0, 1, 2, 3]);
+        assert_eq!(arrays[1].after, [After { phase: "lift/lift", corresponding: true }]);
+        let arrays = sized(vec![row("flow/flow", &all, 40.0), row("blend/blend", &all, 40.0)], 30.0, 7);
+        assert_eq!((arrays[0].per_task, arrays[0].task_count()), (9, 7));
+        assert_eq!(arrays[1].after, [After { phase: "flow/flow", corresponding: false }], "it reads frames around");
+    }
+
+    #[test]
+    fn what_is_done_is_no_task_and_tasks_of_other_numbers_wait_for_all() {
+        let mut some = [false; 8];
+        some[5] = true;
+        let arrays = sized(vec![row("prune/prune", &some, 40.0), row("smooth/frames", &[true; 8], 40.0)], 30.0, 1000);
+        assert_eq!(arrays[0].tasks, [5]);
+        assert_eq!(arrays[1].after, [After { phase: "prune/prune", corresponding: false }]);
+    }
+
+    #[test]
+    fn nothing_waits_for_what_it_does_not_read() {
+        let arrays = sized(vec![row("hull/hull", &[true; 4], 1.0), row("pose/pose", &[true], 1.0)], 30.0, 1000);
+        assert!(arrays[1].after.is_empty());
+    }
+}
