@@ -39,6 +39,7 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failed> {
         mode: None,
         threads: args.threads,
         verify: false,
+        confined: false,
         unchecked: false,
         json: false,
         farm: FarmArgs::default(),

@@ -8,7 +8,9 @@ use std::sync::{
 use strandflow_check::{Verdict, check_quick, gather};
 use strandflow_core::{Finding, Place};
 use strandflow_engine::{
-    Event, RunOptions, Summary, Take, phase_range,
+    Event, RunOptions, Summary, Take,
+    confined::must_be_confined,
+    phase_range,
     run::{PhaseSummary, run as run_stages},
     table,
 };
@@ -23,6 +25,9 @@ use crate::{
 
 pub fn run(args: &RunArgs) -> Result<(), Failed> {
     let mut options = options(args)?;
+    if args.confined {
+        must_be_confined(&args.take)?;
+    }
     let take = Take::open(&args.take)?;
     let plan = take.plan(args.mode.map(Into::into), args.frames)?;
     if options.phases.start == 0 && options.items.is_none() {

@@ -9,6 +9,7 @@
 //! - [`run`](mod@run), [`status`](mod@status), [`events`]: the executor, what it finds, what it tells.
 
 pub mod animation;
+pub mod confined;
 pub mod disk;
 pub mod error;
 pub mod events;

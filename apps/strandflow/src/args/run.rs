@@ -43,6 +43,9 @@ pub struct RunArgs {
     /// Read all results that are there, and make again what is not as it was written.
     #[arg(long)]
     pub verify: bool,
+    /// Refuse a take that names or links to files outside its folder; for takes of strangers (docs/security.md).
+    #[arg(long)]
+    pub confined: bool,
     /// Run also where the look over the take before the first stage finds what cannot work.
     #[arg(long)]
     pub unchecked: bool,

@@ -23,7 +23,7 @@ use super::{
     catalogue::{self, DType},
     files::{Files, Sums, refusal, sum},
 };
-use crate::{EngineError, disk};
+use crate::EngineError;
 
 /// A number an array can hold.
 pub trait Element: ElementOwned + zarrs::array::Element + bytemuck::Pod {
@@ -109,8 +109,10 @@ impl Store {
 
     /// Whether `ensure` would have to throw chunks away.
     pub fn must_remove(&self, path: &str, shape: &[usize], chunk: &[usize], more: serde_json::Value) -> bool {
-        if !self.root.join(path).exists() {
-            return false;
+        let folder = self.root.join(path);
+        if !folder.join("zarr.json").exists() {
+            // Without chunks it is about to be made by another process.
+            return folder.join("c").exists();
         }
         let Ok(present) = self.shape(path) else { return true };
         let mut same_frames = shape.to_vec();
@@ -120,16 +122,13 @@ impl Store {
         !(chunk.first() == Some(&1) && self.matches(path, &same_frames, chunk, more))
     }
 
-    /// Removes an array or a group with all that is in it.
+    /// Removes an array or a group with all that is in it, at once: another process sees all of it or nothing.
     ///
     /// # Errors
     /// `Disk`.
     pub fn remove(&self, path: &str) -> Result<(), EngineError> {
         let folder = self.root.join(path);
-        match std::fs::remove_dir_all(&folder) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(EngineError::disk(&folder, error)),
-            _ => Ok(()),
-        }
+        self.files.remove_folder(&folder).map_err(|error| EngineError::disk(&folder, error))
     }
 
     /// Samples of an array; `range` has one entry a dimension.
@@ -282,21 +281,33 @@ impl Writer {
         Ok(())
     }
 
-    /// Makes an array of one chunk and writes it: for results whose size is only known with them.
+    /// Makes an array of one chunk and writes it: for results whose size is only known with them. Nothing is removed first, since
+    /// another process may be making the same.
     ///
     /// # Errors
     /// As [`Writer::chunk`].
     pub fn whole<T: Element>(&mut self, path: &str, shape: &[usize], data: &[T]) -> Result<(), EngineError> {
-        self.store.ensure(path, shape, shape, serde_json::Value::Null)?;
-        let about = format!("{path}/zarr.json");
-        let written = disk::read_text(&self.store.root.join(&about))?;
-        self.sums.lock().unwrap_or_else(PoisonError::into_inner).insert(about, sum(written.as_bytes()));
+        self.describe(path, shape)?;
         if data.is_empty() {
+            // A chunk that is there is of another size.
+            self.store.remove(&format!("{path}/c"))?;
             self.hashes.entry(path.to_owned()).or_default().update(b"empty");
             return Ok(());
         }
         self.hashes.entry(path.to_owned()).or_default().update(format!("{shape:?}").as_bytes());
         self.chunk(path, &vec![0; shape.len()], data)
+    }
+
+    /// Writes the description of an array of one chunk, and notes it.
+    fn describe(&self, path: &str, shape: &[usize]) -> Result<(), EngineError> {
+        let (store, file) = (&self.store, format!("{path}/zarr.json"));
+        let metadata = store.describe(path, shape, shape, serde_json::Value::Null)?;
+        if !store.matches(path, shape, shape, serde_json::Value::Null) {
+            store.ensure_groups(path)?;
+            store.put(&store.root.join(&file), metadata.as_bytes())?;
+        }
+        self.sums.lock().unwrap_or_else(PoisonError::into_inner).insert(file, sum(metadata.as_bytes()));
+        Ok(())
     }
 
     /// Declares the item finished: hashes of its files, then its record.

@@ -82,6 +82,20 @@ impl Files {
         done
     }
 
+    /// Removes a folder that may not exist: it is out of the way at once, however much is in it.
+    pub(crate) fn remove_folder(&self, folder: &Path) -> Result<()> {
+        let unnamed = self.unnamed();
+        if !folder.exists() {
+            return Ok(());
+        }
+        std::fs::create_dir_all(self.root.join(UNNAMED))?;
+        match std::fs::rename(folder, &unnamed) {
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
+            Err(error) => Err(error),
+            Ok(()) => std::fs::remove_dir_all(&unnamed),
+        }
+    }
+
     /// A name that no other process on any machine uses, and this one once.
     fn unnamed(&self) -> PathBuf {
         static NEXT: AtomicU64 = AtomicU64::new(0);
@@ -98,7 +112,8 @@ impl Files {
             let old = age.is_some_and(|age| age > ABANDONED);
             if old || of_dead_process(&entry.file_name().to_string_lossy()) {
                 // Another process may sweep too.
-                let _ = std::fs::remove_file(entry.path());
+                let path = entry.path();
+                let _ = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
             }
         }
     }
