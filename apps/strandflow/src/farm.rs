@@ -110,7 +110,8 @@ impl Farm<'_> {
             prepare_from(0, self.take, self.plan)?;
             let ledger = slurm::submit(self.take, &arrays, &self.work, slurm)?;
             let tasks: usize = arrays.iter().map(|array| array.tasks.len()).sum();
-            eprintln!("{tasks} tasks of {} phases submitted; `strandflow status` tells of them", arrays.len());
+            let phases: usize = arrays.iter().map(|array| array.phases.len()).sum();
+            eprintln!("{tasks} tasks of {phases} phases submitted; `strandflow status` tells of them");
             if !self.args.wait {
                 return Ok(());
             }
@@ -148,7 +149,7 @@ impl Farm<'_> {
             }
             let (running, waiting): (Vec<_>, Vec<_>) = queue.iter().partition(|task| task.runs);
             let phase = running.first().and_then(|task| ledger.jobs.iter().find(|job| job.job == task.job));
-            let phase = phase.map_or("-", |job| &job.phase);
+            let phase = phase.and_then(|job| job.phases.first()).map_or("-", String::as_str);
             let now = format!("{phase:<16} {} running, {} waiting", running.len(), waiting.len());
             if now != told {
                 eprintln!("{now}");

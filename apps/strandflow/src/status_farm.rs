@@ -68,7 +68,7 @@ pub fn tasks_of(take: &Take, states: &[PhaseStates]) -> BTreeMap<&'static str, T
     };
     let failed = failed_on(take);
     let of_phase = |phase: &PhaseStates| {
-        let job = ledger.jobs.iter().rfind(|job| job.phase == phase.phase)?;
+        let job = ledger.jobs.iter().rfind(|job| job.phases.iter().any(|name| name == phase.phase))?;
         let failed_on = if count_failed(phase) > 0 {
             failed.get(phase.phase).cloned().unwrap_or_default()
         } else {
@@ -97,7 +97,9 @@ fn of_job(job: &Submitted, phase: &PhaseStates, queued: &[QueuedTask]) -> Tasks 
         chains.flatten().any(|state| matches!(state, State::Missing | State::Stale(_)))
     };
     let ended = job.tasks.iter().filter(|task| !there.contains(task)).filter(undone);
-    let output = |task: &usize| format!("farm/output/{}.{}.{task}.txt", name_of(&job.phase), job.job);
+    let output = |task: &usize| {
+        format!("farm/output/{}.{}.{task}.txt", name_of(job.phases.first().map_or("", String::as_str)), job.job)
+    };
     tasks.ended = ended.map(output).collect();
     tasks
 }
@@ -129,7 +131,7 @@ mod tests {
 
     #[test]
     fn tasks_are_told_by_state_and_place() {
-        let job = Submitted { job: 7, phase: "lift/lift".into(), per_task: 2, tasks: vec![0, 1, 2, 3] };
+        let job = Submitted { job: 7, phases: vec!["lift/lift".into()], per_task: 2, tasks: vec![0, 1, 2, 3] };
         let task = |task, runs, node: &str| QueuedTask {
             job: 7,
             task,

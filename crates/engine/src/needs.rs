@@ -45,9 +45,9 @@ impl<'a> Needs<'a> {
     /// Some arrays of a finished item.
     ///
     /// # Errors
-    /// `Missing` where the item is not finished.
+    /// `Missing` where the item is not finished; `Disk` where that cannot be told.
     pub fn item(&mut self, key: &str, arrays: &[&str]) -> Result<(), EngineError> {
-        let record = self.store.record(key).ok_or_else(|| EngineError::Missing { item: key.to_owned() })?;
+        let record = self.store.finished(key)?.ok_or_else(|| EngineError::Missing { item: key.to_owned() })?;
         let stage = key.split('/').next().unwrap_or_default();
         let hasher = self.kinds.entry(format!("stage {stage}")).or_default();
         for array in arrays {

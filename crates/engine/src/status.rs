@@ -149,7 +149,7 @@ fn phase_states(
     let mut state_of = |item: Item| {
         let key = item.key(phase.name);
         let mut state = item_state(job, stage, phase, (item, &key), unfinished)?;
-        if state == State::Done && look == Look::Files {
+        if look == Look::Files && matches!(state, State::Done | State::Stale(_)) {
             state = job.take.store().damage(&key).map_or(state, |damage| State::Stale(format!("damaged: {damage}")));
         }
         if state != State::Done {
@@ -172,7 +172,7 @@ fn item_state(
     if let Some(failure) = store.failure(key) {
         return Ok(State::Failed(failure));
     }
-    let Some(record) = store.record(key) else { return Ok(State::Missing) };
+    let Some(record) = store.finished(key)? else { return Ok(State::Missing) };
     let inputs = match stage.inputs(phase, job, item) {
         Ok(inputs) => inputs,
         Err(EngineError::Missing { item }) => return Ok(State::Stale(format!("{} is not done", stage_of(&item)))),

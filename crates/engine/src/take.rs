@@ -187,7 +187,7 @@ impl Take {
     pub fn strand_count(&self) -> Result<usize, EngineError> {
         let missing = |_| EngineError::Missing { item: "scalp/scalp/take".into() };
         self.store
-            .record("scalp/scalp/take")
+            .finished("scalp/scalp/take")?
             .ok_or_else(|| EngineError::Missing { item: "scalp/scalp/take".into() })?;
         Ok(self.store.shape("scalp/roots").map_err(missing)?[0])
     }

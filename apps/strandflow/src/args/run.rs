@@ -27,8 +27,7 @@ pub struct RunArgs {
     /// Last stage, or one phase of it.
     #[arg(long, value_name = "STAGE")]
     pub to: Option<String>,
-    /// A task among many: work items A to B − 1 of the one phase that --from and --to name, or run number N of K each;
-    /// docs/farm.md.
+    /// A task among many: work items A to B − 1 of the phase that --from and --to name, or run number N of K each; docs/farm.md.
     #[arg(long, value_name = "A..B|NxK", requires = "from", requires = "to")]
     pub items: Option<ItemRange>,
     /// Treat the take as these frames only; masks, hulls and poses also cover what leads up to them.

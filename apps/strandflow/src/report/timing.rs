@@ -112,7 +112,7 @@ mod tests {
     fn idle_time_is_cut_out_and_items_that_touch_are_one_bar() {
         let span = |start: f64, end: f64| Span { start, end, node: String::new() };
         let phase = |name: &str, spans| PhaseTime { phase: name.into(), spans, ..PhaseTime::default() };
-        let log = [phase("a", vec![span(100.0, 110.0), span(110.01, 120.0)]), phase("b", vec![span(9000.0, 9020.0)])];
+        let log = [phase("a", vec![span(100.0, 110.0), span(110.0, 120.0)]), phase("b", vec![span(9000.0, 9020.0)])];
         let svg = timeline(&log).figure("").into_text();
         assert_eq!(svg.matches("class=\"fill").count(), 2, "{svg}");
         let half = 0.5 * (720.0 - 120.0 - 14.0);

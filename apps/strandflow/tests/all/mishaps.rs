@@ -352,7 +352,7 @@ fn two_runs_of_one_take_do_not_disturb_one_another() {
 fn exhausted_handles_and_memory_cost_nothing() {
     let whole = Undisturbed::make();
     for (fault, limit, told) in [
-        ("no file handle left", "ulimit -n 9", "named, exit code 1"),
+        ("no file handle left", "ulimit -n 5", "named, exit code 1"),
         ("no memory left", "ulimit -v 60000", "the process is ended"),
     ] {
         let take = whole.take(limit);

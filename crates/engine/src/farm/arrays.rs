@@ -19,12 +19,12 @@ pub struct Sizes {
     pub max_tasks: usize,
 }
 
-/// The tasks of one phase.
+/// The tasks of one phase, or the one task of several that are short.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Array {
-    /// `stage/phase`.
-    pub phase: &'static str,
-    /// Chains of the phase; of strands, which are not counted before the scalp is there, as many as there can be.
+    /// `stage/phase`, in order.
+    pub phases: Vec<&'static str>,
+    /// Chains of the phase with the most; of strands, which are not counted before the scalp is there, as many as there can be.
     pub chains: usize,
     /// Chains of a task: task n does those from n times as many on.
     pub per_task: usize,
@@ -37,13 +37,18 @@ pub struct Array {
 /// An array that another waits for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct After {
-    /// Its phase.
+    /// Its first phase.
     pub phase: &'static str,
     /// Whether each task waits for the task of its own number alone.
     pub corresponding: bool,
 }
 
 impl Array {
+    /// The first of its phases, by which it is called.
+    pub fn phase(&self) -> &'static str {
+        self.phases.first().copied().unwrap_or_default()
+    }
+
     /// How many tasks cover all chains.
     pub fn task_count(&self) -> usize {
         self.chains.div_ceil(self.per_task)
@@ -71,9 +76,49 @@ pub fn arrays(
         let secs = durations.secs(phase, plan.frames.len());
         Row::of(phase, states, at_least, secs)
     });
-    let mut rows: Vec<Row> = rows.collect();
+    Ok(arrays_of(rows.collect(), sizes))
+}
+
+fn arrays_of(mut rows: Vec<Row>, sizes: Sizes) -> Vec<Array> {
     Row::size(&mut rows, sizes);
-    Ok((0..rows.len()).map(|at| rows[at].array(&rows[..at])).collect())
+    let mut groups: Vec<Vec<Row>> = Vec::new();
+    for row in rows {
+        match groups.last_mut() {
+            Some(group) if are_short(group, &row, sizes.task_secs) => group.push(row),
+            _ => groups.push(vec![row]),
+        }
+    }
+    (0..groups.len()).map(|at| array_of(&groups[at], &groups[..at])).collect()
+}
+
+/// Whether phases of one task each last no longer together than a task has to: a job for each would cost more than it does.
+fn are_short(group: &[Row], row: &Row, task_secs: f64) -> bool {
+    let rows = || group.iter().chain([row]);
+    rows().all(|row| row.per_task == row.pending.len()) && rows().map(Row::secs).sum::<f64>() <= task_secs
+}
+
+fn array_of(group: &[Row], before: &[Vec<Row>]) -> Array {
+    let tasks = group[0].tasks();
+    let reads = |row: &Row, other: &Row| {
+        row.phase.same.contains(&other.phase.name) || row.phase.others.contains(&other.phase.name)
+    };
+    let nearest = before.last().map(|group| group[0].phase.name);
+    let after = |other: &[Row]| {
+        let (first, alone) = (&other[0], other.len() == 1 && group.len() == 1);
+        let corresponding =
+            alone && nearest == Some(first.phase.name) && group[0].follows(first) && first.tasks() == tasks;
+        After { phase: first.phase.name, corresponding }
+    };
+    let is_read = |other: &&Vec<Row>| group.iter().any(|row| other.iter().any(|other| reads(row, other)));
+    let most = |of: fn(&Row) -> usize| group.iter().map(of).max().unwrap_or(1);
+    let after = before.iter().filter(is_read).map(|other| after(other)).collect();
+    Array {
+        phases: group.iter().map(|row| row.phase.name).collect(),
+        chains: most(|row| row.pending.len()),
+        per_task: most(|row| row.per_task),
+        tasks,
+        after,
+    }
 }
 
 fn is_done<'a>(mut states: impl Iterator<Item = &'a State>) -> bool {
@@ -128,16 +173,9 @@ impl Row {
         tasks.filter(|(_, pending)| pending.contains(&true)).map(|(task, _)| task).collect()
     }
 
-    fn array(&self, before: &[Self]) -> Array {
-        let tasks = self.tasks();
-        let reads = |other: &&Row| [self.phase.same, self.phase.others].iter().any(|of| of.contains(&other.phase.name));
-        let nearest = before.last().map(|row| row.phase.name);
-        let after = |other: &Row| After {
-            phase: other.phase.name,
-            corresponding: nearest == Some(other.phase.name) && self.follows(other) && other.tasks() == tasks,
-        };
-        let after = before.iter().filter(reads).map(after).collect();
-        Array { phase: self.phase.name, chains: self.pending.len(), per_task: self.per_task, tasks, after }
+    /// Seconds of all that is to be done.
+    fn secs(&self) -> f64 {
+        self.pending.iter().filter(|pending| **pending).count() as f64 * self.chain_secs
     }
 }
 
@@ -150,9 +188,8 @@ mod tests {
         Row { phase, pending: pending.to_vec(), chain_secs: secs, per_task: 0 }
     }
 
-    fn sized(mut rows: Vec<Row>, task_secs: f64, max_tasks: usize) -> Vec<Array> {
-        Row::size(&mut rows, Sizes { task_secs, max_tasks });
-        (0..rows.len()).map(|at| rows[at].array(&rows[..at])).collect()
+    fn sized(rows: Vec<Row>, task_secs: f64, max_tasks: usize) -> Vec<Array> {
+        arrays_of(rows, Sizes { task_secs, max_tasks })
     }
 
     #[test]
@@ -178,7 +215,25 @@ mod tests {
 
     #[test]
     fn nothing_waits_for_what_it_does_not_read() {
-        let arrays = sized(vec![row("hull/hull", &[true; 4], 1.0), row("pose/pose", &[true], 1.0)], 30.0, 1000);
+        let arrays = sized(vec![row("hull/hull", &[true; 4], 10.0), row("pose/pose", &[true], 10.0)], 30.0, 1000);
         assert!(arrays[1].after.is_empty());
+    }
+
+    #[test]
+    fn short_phases_share_one_task() {
+        let rows = vec![
+            row("masks/masks", &[true; 6], 10.0),
+            row("hull/grid", &[true], 1.0),
+            row("hull/hull", &[true; 9], 1.0),
+            row("pose/pose", &[true], 5.0),
+            row("scalp/scalp", &[true], 20.0),
+        ];
+        let arrays = sized(rows, 30.0, 1000);
+        let phases: Vec<_> = arrays.iter().map(|array| array.phases.len()).collect();
+        assert_eq!(phases, [1, 3, 1], "the scalp would make it longer than a task has to be");
+        assert_eq!((arrays[1].per_task, &arrays[1].tasks[..]), (9, &[0][..]));
+        assert_eq!(arrays[1].after, [After { phase: "masks/masks", corresponding: false }]);
+        let of_scalp: Vec<_> = arrays[2].after.iter().map(|after| after.phase).collect();
+        assert_eq!(of_scalp, ["masks/masks", "hull/grid"], "called by their first phase");
     }
 }

@@ -20,8 +20,8 @@ pub struct Ledger {
 pub struct Submitted {
     /// Number of the job.
     pub job: u64,
-    /// `stage/phase`.
-    pub phase: String,
+    /// `stage/phase`, in order.
+    pub phases: Vec<String>,
     /// Chains of a task.
     pub per_task: usize,
     /// Its tasks.

@@ -29,15 +29,16 @@ impl Work {
         Ok(Self { program: text(&whole(&program)?)?, take: text(&whole(take)?)?, more: more.to_vec() })
     }
 
-    /// The words of the command that does a phase, all but the items.
-    pub fn words(&self, phase: &str) -> Vec<String> {
-        let words = [&self.program, "run", &self.take, "--from", phase, "--to", phase].map(str::to_owned);
+    /// The words of the command that does some phases, all but the items.
+    pub fn words(&self, phases: &[&str]) -> Vec<String> {
+        let (from, to) = (phases.first().copied().unwrap_or_default(), phases.last().copied().unwrap_or_default());
+        let words = [&self.program, "run", &self.take, "--from", from, "--to", to].map(str::to_owned);
         words.into_iter().chain(self.more.clone()).collect()
     }
 
     /// The same for a POSIX shell.
-    pub fn in_shell(&self, phase: &str) -> String {
-        self.words(phase).iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ")
+    pub fn in_shell(&self, phases: &[&str]) -> String {
+        self.words(phases).iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ")
     }
 }
 

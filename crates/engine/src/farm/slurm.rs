@@ -37,7 +37,7 @@ pub struct Submission {
 
 /// How an array is submitted; `job_of` gives the job of a phase that was submitted before.
 pub fn submission(array: &Array, work: &Work, options: &SlurmOptions, job_of: impl Fn(&str) -> String) -> Submission {
-    let name = name_of(array.phase);
+    let name = name_of(array.phase());
     let mut arguments: Vec<String> =
         ["--parsable", "--requeue", "--kill-on-invalid-dep=yes", "--open-mode=append"].map(str::to_owned).to_vec();
     arguments.push(format!("--job-name=strandflow.{name}"));
@@ -60,11 +60,11 @@ pub fn submission(array: &Array, work: &Work, options: &SlurmOptions, job_of: im
 
 /// A task: its items, and another try where that may help.
 fn script(array: &Array, work: &Work, retries: usize) -> String {
-    let Array { phase, per_task, .. } = array;
-    let command = work.in_shell(phase);
+    let per_task = array.per_task;
+    let (phases, command) = (array.phases.join(", "), work.in_shell(&array.phases));
     format!(
         r#"#!/bin/sh
-# {phase}, {per_task} of its chains a task. Written by strandflow.
+# {phases}: {per_task} chains a task. Written by strandflow.
 {command} --items "${{SLURM_ARRAY_TASK_ID}}x{per_task}"
 code=$?
 # 2: the take itself is at fault, and another try would end the same way.
@@ -114,9 +114,9 @@ pub fn submit(take: &Take, arrays: &[Array], work: &Work, options: &SlurmOptions
                 return Err(error);
             }
         };
-        jobs.insert(array.phase, job);
-        let Array { phase, per_task, tasks, .. } = array.clone();
-        ledger.jobs.push(Submitted { job, phase: phase.to_owned(), per_task, tasks });
+        jobs.insert(array.phase(), job);
+        let phases = array.phases.iter().map(ToString::to_string).collect();
+        ledger.jobs.push(Submitted { job, phases, per_task: array.per_task, tasks: array.tasks.clone() });
         // After each: whatever ends this program, the jobs are known.
         ledger.write(take)?;
     }
@@ -213,7 +213,7 @@ mod tests {
     fn array() -> Array {
         let after = |phase, corresponding| After { phase, corresponding };
         let after = vec![after("pose/pose", false), after("lift/lift", true)];
-        Array { phase: "field/field", chains: 60, per_task: 12, tasks: vec![0, 1, 2, 4], after }
+        Array { phases: vec!["field/field"], chains: 60, per_task: 12, tasks: vec![0, 1, 2, 4], after }
     }
 
     fn work() -> Work {

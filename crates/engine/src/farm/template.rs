@@ -58,14 +58,14 @@ pub fn render(name: &str, template: &str, arrays: &[Array], work: &Work) -> Resu
 
 fn of_array(array: &Array, work: &Work) -> Scope {
     let mut scope = Scope::of([
-        ("phase", array.phase.to_owned()),
-        ("job", job_name(array.phase)),
+        ("phase", array.phase().to_owned()),
+        ("job", job_name(array.phase())),
         ("tasks", array.task_count().to_string()),
         ("last_task", (array.task_count() - 1).to_string()),
         ("per_task", array.per_task.to_string()),
     ]);
     let word = |word: String| Scope::of([("word", word)]);
-    let words: Vec<Scope> = work.words(array.phase).into_iter().map(word).collect();
+    let words: Vec<Scope> = work.words(&array.phases).into_iter().map(word).collect();
     scope.parts.insert("arguments", words[1..].to_vec());
     scope.parts.insert("words", words);
     let after = |phase: &str| Scope::of([("before", job_name(phase))]);
@@ -154,7 +154,13 @@ mod tests {
     use crate::farm::After;
 
     fn arrays() -> Vec<Array> {
-        let array = |phase, per_task, after: Vec<After>| Array { phase, chains: 25, per_task, tasks: vec![0], after };
+        let array = |phase, per_task, after: Vec<After>| Array {
+            phases: vec![phase],
+            chains: 25,
+            per_task,
+            tasks: vec![0],
+            after,
+        };
         let after = After { phase: "hull/hull", corresponding: true };
         vec![array("hull/hull", 10, Vec::new()), array("lift/lift", 25, vec![after])]
     }

@@ -33,9 +33,9 @@ pub(crate) fn ensure(
     chunk: &[usize],
 ) -> Result<(), EngineError> {
     let store = job.take.store();
-    if !store.matches(path, shape, chunk, more.clone()) {
+    if !store.matches(path, shape, chunk, more.clone())? {
         // Before the array goes: a run killed in between must not leave records of what is no longer there.
-        if store.must_remove(path, shape, chunk, more.clone()) {
+        if store.must_remove(path, shape, chunk, more.clone())? {
             if job.is_task {
                 return Err(EngineError::store(
                     path,

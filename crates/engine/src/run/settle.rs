@@ -77,16 +77,20 @@ impl Runner<'_> {
             Err(error @ (EngineError::Missing { .. } | EngineError::Store { .. })) => {
                 return Settled { outcome: Outcome::Blocked, findings: Vec::new(), failure: Some(failure_of(&error)) };
             }
-            Err(error) => return self.failed(key, &error),
+            Err(error) => return self.refused(key, &error),
         };
         let mut damage = None;
-        if let Some(record) = store.record(key)
-            && record.inputs == inputs.hashes
-        {
-            damage = self.options.verify.then(|| store.damage(key)).flatten();
-            if damage.is_none() {
-                return Settled { outcome: Outcome::Fresh, findings: record.findings, failure: None };
+        match store.finished(key) {
+            Err(error) => return self.refused(key, &error),
+            Ok(Some(record)) if record.inputs == inputs.hashes => {
+                damage = self.options.verify.then(|| store.damage(key)).flatten();
+                if damage.is_none() {
+                    // Where even this is refused, the next run does it.
+                    let _ = store.forgive(key);
+                    return Settled { outcome: Outcome::Fresh, findings: record.findings, failure: None };
+                }
             }
+            Ok(_) => {}
         }
         if let Err(error) = store.forget(key) {
             return self.failed(key, &error);
@@ -170,6 +174,14 @@ impl Runner<'_> {
         let done = settled.outcome == Outcome::Done;
         self.mended.fetch_add(usize::from(done), Ordering::Relaxed);
         done
+    }
+
+    /// What an item rests on could not be looked at: a result that it may have stays, for when it can.
+    fn refused(&self, key: &str, error: &EngineError) -> Settled {
+        let failure = failure_of(error);
+        // Where even this cannot be written, the summary still has it.
+        let _ = self.job.take.store().write_failure(key, &failure);
+        Settled { outcome: Outcome::Failed, findings: Vec::new(), failure: Some(failure) }
     }
 
     fn failed(&self, key: &str, error: &EngineError) -> Settled {

@@ -23,7 +23,7 @@ use super::{
     catalogue::{self, DType},
     files::{Files, Sums, refusal, sum},
 };
-use crate::EngineError;
+use crate::{EngineError, disk};
 
 /// A number an array can hold.
 pub trait Element: ElementOwned + zarrs::array::Element + bytemuck::Pod {
@@ -90,11 +90,11 @@ impl Store {
         chunk: &[usize],
         more: serde_json::Value,
     ) -> Result<(), EngineError> {
-        if self.matches(path, shape, chunk, more.clone()) {
+        if self.matches(path, shape, chunk, more.clone())? {
             return Ok(());
         }
         let metadata = self.describe(path, shape, chunk, more.clone())?;
-        if self.must_remove(path, shape, chunk, more) {
+        if self.must_remove(path, shape, chunk, more)? {
             self.remove(path)?;
         }
         self.ensure_groups(path)?;
@@ -102,24 +102,47 @@ impl Store {
     }
 
     /// Whether `ensure` would change nothing.
-    pub fn matches(&self, path: &str, shape: &[usize], chunk: &[usize], more: serde_json::Value) -> bool {
-        let Ok(metadata) = self.describe(path, shape, chunk, more) else { return false };
-        std::fs::read_to_string(self.root.join(path).join("zarr.json")).is_ok_and(|present| present == metadata)
+    ///
+    /// # Errors
+    /// `Store` for a path that the catalogue does not know; `Disk`.
+    pub fn matches(
+        &self,
+        path: &str,
+        shape: &[usize],
+        chunk: &[usize],
+        more: serde_json::Value,
+    ) -> Result<bool, EngineError> {
+        let present = disk::read_if_there(&self.root.join(path).join("zarr.json"))?;
+        Ok(present
+            .is_some_and(|present| self.describe(path, shape, chunk, more).is_ok_and(|m| m.as_bytes() == present)))
     }
 
-    /// Whether `ensure` would have to throw chunks away.
-    pub fn must_remove(&self, path: &str, shape: &[usize], chunk: &[usize], more: serde_json::Value) -> bool {
+    /// Whether `ensure` would have to throw chunks away. What cannot be read is not thrown away.
+    ///
+    /// # Errors
+    /// As [`Store::matches`].
+    pub fn must_remove(
+        &self,
+        path: &str,
+        shape: &[usize],
+        chunk: &[usize],
+        more: serde_json::Value,
+    ) -> Result<bool, EngineError> {
         let folder = self.root.join(path);
-        if !folder.join("zarr.json").exists() {
+        if disk::read_if_there(&folder.join("zarr.json"))?.is_none() {
             // Without chunks it is about to be made by another process.
-            return folder.join("c").exists();
+            return Ok(folder.join("c").exists());
         }
-        let Ok(present) = self.shape(path) else { return true };
+        let present = match self.shape(path) {
+            Ok(present) => present,
+            Err(error @ EngineError::Disk { .. }) => return Err(error),
+            Err(_) => return Ok(true),
+        };
         let mut same_frames = shape.to_vec();
         if let (Some(first), Some(frames)) = (same_frames.first_mut(), present.first()) {
             *first = *frames;
         }
-        !(chunk.first() == Some(&1) && self.matches(path, &same_frames, chunk, more))
+        Ok(!(chunk.first() == Some(&1) && self.matches(path, &same_frames, chunk, more)?))
     }
 
     /// Removes an array or a group with all that is in it, at once: another process sees all of it or nothing.
@@ -302,7 +325,7 @@ impl Writer {
     fn describe(&self, path: &str, shape: &[usize]) -> Result<(), EngineError> {
         let (store, file) = (&self.store, format!("{path}/zarr.json"));
         let metadata = store.describe(path, shape, shape, serde_json::Value::Null)?;
-        if !store.matches(path, shape, shape, serde_json::Value::Null) {
+        if !store.matches(path, shape, shape, serde_json::Value::Null)? {
             store.ensure_groups(path)?;
             store.put(&store.root.join(&file), metadata.as_bytes())?;
         }

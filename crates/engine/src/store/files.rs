@@ -65,7 +65,7 @@ impl Files {
 
     /// Writes a file and the folders above it: readers see the old bytes or the new, and of two writers the later wins.
     pub(crate) fn put(&self, path: &Path, bytes: &[u8]) -> Result<()> {
-        let unnamed = self.unnamed();
+        let unnamed = self.unnamed_for(path);
         let in_folder = |path: &Path, act: &dyn Fn() -> Result<()>| match act() {
             Err(error) if error.kind() == ErrorKind::NotFound => {
                 path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
@@ -84,11 +84,11 @@ impl Files {
 
     /// Removes a folder that may not exist: it is out of the way at once, however much is in it.
     pub(crate) fn remove_folder(&self, folder: &Path) -> Result<()> {
-        let unnamed = self.unnamed();
         if !folder.exists() {
             return Ok(());
         }
-        std::fs::create_dir_all(self.root.join(UNNAMED))?;
+        let unnamed = self.unnamed_for(folder);
+        unnamed.parent().map_or(Ok(()), std::fs::create_dir_all)?;
         match std::fs::rename(folder, &unnamed) {
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
             Err(error) => Err(error),
@@ -96,26 +96,19 @@ impl Files {
         }
     }
 
-    /// A name that no other process on any machine uses, and this one once.
-    fn unnamed(&self) -> PathBuf {
+    /// A name that no other process on any machine uses, and this one once; for files beside the store in its own folder: the
+    /// store may lie on another disk.
+    fn unnamed_for(&self, path: &Path) -> PathBuf {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         let nanos = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.subsec_nanos());
         let (process, next) = (std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
-        self.root.join(UNNAMED).join(format!("{}~{process}~{nanos:x}~{next}", node::machine()))
+        let above = if path.starts_with(&self.root) { Some(&*self.root) } else { path.parent() };
+        above.unwrap_or(Path::new("")).join(UNNAMED).join(format!("{}~{process}~{nanos:x}~{next}", node::machine()))
     }
 
-    /// Removes what killed processes left.
+    /// Removes what killed processes left in the store and in the folder that it lies in.
     pub(crate) fn sweep(&self) {
-        let Ok(entries) = std::fs::read_dir(self.root.join(UNNAMED)) else { return };
-        for entry in entries.flatten() {
-            let age = entry.metadata().and_then(|about| about.modified()).ok().and_then(|at| at.elapsed().ok());
-            let old = age.is_some_and(|age| age > ABANDONED);
-            if old || of_dead_process(&entry.file_name().to_string_lossy()) {
-                // Another process may sweep too.
-                let path = entry.path();
-                let _ = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
-            }
-        }
+        [Some(&*self.root), self.root.parent()].into_iter().flatten().for_each(|folder| sweep(&folder.join(UNNAMED)));
     }
 
     fn read(&self, key: &StoreKey) -> std::result::Result<Option<Bytes>, StorageError> {
@@ -131,6 +124,20 @@ impl Files {
             Err(error) => Err(StorageError::IOError(Arc::new(error))),
         }
     }
+}
+
+fn sweep(folder: &Path) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let age = entry.metadata().and_then(|about| about.modified()).ok().and_then(|at| at.elapsed().ok());
+        let old = age.is_some_and(|age| age > ABANDONED);
+        if old || of_dead_process(&entry.file_name().to_string_lossy()) {
+            // Another process may sweep too.
+            let path = entry.path();
+            let _ = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
+        }
+    }
+    // Stays where it is in use; who needs it makes it.
+    let _ = std::fs::remove_dir(folder);
 }
 
 /// Whether a file without a name is of a process of this machine that is no more.
@@ -229,7 +236,7 @@ mod tests {
         assert_eq!(std::fs::read(root.path().join("a/b")).unwrap(), b"bytes");
         let unnamed = root.path().join(UNNAMED);
         assert_eq!(std::fs::read_dir(&unnamed).unwrap().count(), 0);
-        let mine = files.unnamed();
+        let mine = files.unnamed_for(&root.path().join("a"));
         let elsewhere = unnamed.join("another~1~0~0");
         // No process has this number: the largest is smaller on every system.
         let dead = unnamed.join(format!("{}~{}~0~0", node::machine(), u32::MAX));
