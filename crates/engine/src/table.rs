@@ -7,6 +7,7 @@ use strandflow_core::Report;
 use crate::{
     EngineError, Needs, Plan, Settings, Take,
     item::{Item, Kind},
+    needs::Records,
     rooms,
     store::Writer,
 };
@@ -282,7 +283,18 @@ impl Stage {
     /// # Errors
     /// `Missing` where an item it reads is not finished; `Disk` where a file is gone.
     pub fn inputs(&self, phase: &Phase, job: &Job, item: Item) -> Result<Inputs, EngineError> {
-        let mut needs = Needs::new(job.take.store(), job.take.identities());
+        self.inputs_by(phase, job, item, None)
+    }
+
+    /// The same, by records that were read before where there are such.
+    pub(crate) fn inputs_by(
+        &self,
+        phase: &Phase,
+        job: &Job,
+        item: Item,
+        records: Option<&Records>,
+    ) -> Result<Inputs, EngineError> {
+        let mut needs = Needs::new(job.take.store(), job.take.identities()).by(records);
         needs.value("version", "stage", &self.version);
         needs.value("settings", self.name, &(self.settings)(&job.plan.settings));
         if self.has_modes {

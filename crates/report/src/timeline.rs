@@ -20,10 +20,11 @@ pub struct Timeline {
     places: Vec<String>,
 }
 
-const WIDTH: f64 = 720.0;
+/// As plots are: letters of 12 units, which are 12 pixels on the narrowest phone.
+const WIDTH: f64 = 360.0;
 const ROW: f64 = 18.0;
 /// Room for the names of rows: the longest has fifteen letters.
-const LEFT: f64 = 120.0;
+const LEFT: f64 = 106.0;
 const RIGHT: f64 = 14.0;
 const BOTTOM: f64 = 38.0;
 /// Places of higher numbers begin with the first tone again: more cannot be told apart.
@@ -112,7 +113,7 @@ mod tests {
         let axis = Axis::exact("seconds", 0.0, 100.0);
         let svg = Timeline::new(axis, "two nodes", rows, vec!["n1".into(), "n2".into()]).figure("when").into_text();
         assert!(svg.contains("&lt;a&gt;") && !svg.contains("<a>"), "{svg}");
-        assert!(svg.contains(r#"class="fill blue" x="120.0" y="3.0" width="293.0" height="7.0""#), "{svg}");
-        assert!(svg.contains(r#"class="fill orange" x="413.0" y="10.0" width="293.0" height="7.0""#), "{svg}");
+        assert!(svg.contains(r#"class="fill blue" x="106.0" y="3.0" width="120.0" height="7.0""#), "{svg}");
+        assert!(svg.contains(r#"class="fill orange" x="226.0" y="10.0" width="120.0" height="7.0""#), "{svg}");
     }
 }

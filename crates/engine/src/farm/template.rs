@@ -171,14 +171,14 @@ mod tests {
 
     #[test]
     fn what_a_path_holds_is_not_read_as_a_template() {
-        let text = "{{#arrays}}{{job}} {{tasks}}:{{#words}} {{word:sh}}{{/words}}{{#after}} <{{before}}{{/after}}\n{{/arrays}}";
+        let text = "{{#arrays}}{{job}} {{tasks}}:{{#words}} {{word:sh}}{{/words}}{{#after}} <{{before}}{{/after}} .\n{{/arrays}}";
         let rendered = render("test", text, &arrays(), &work("/{{take}}/{{#words}}")).unwrap();
         let lines: Vec<&str> = rendered.lines().collect();
         assert!(
             lines[0].starts_with("strandflow-hull-hull 3: '/opt/strandflow' 'run' '/{{take}}/{{#words}}'"),
             "{rendered}"
         );
-        assert!(lines[1].ends_with("'--threads' '2' <strandflow-hull-hull"), "{rendered}");
+        assert!(lines[1].ends_with("'--threads' '2' <strandflow-hull-hull ."), "{rendered}");
     }
 
     #[test]
