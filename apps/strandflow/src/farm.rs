@@ -36,6 +36,19 @@ pub struct Farm<'a> {
     work: Work,
 }
 
+/// What of the arguments is of another engine than the one asked for; taken for a wish that nobody fulfils, it would be run.
+pub fn must_fit(args: &RunArgs) -> Result<(), Failed> {
+    let FarmArgs { engine, dry_run, wait, cancel, .. } = args.farm;
+    let of_slurm = [("--dry-run", dry_run), ("--wait", wait), ("--cancel", cancel)];
+    if let Some((option, _)) = of_slurm.iter().find(|(_, given)| *given && engine != Engine::Slurm) {
+        return Err(Failed::input(format!("{option} is of Slurm"), "add --engine slurm, or leave it away"));
+    }
+    if args.items.is_some() && engine != Engine::Local {
+        return Err(Failed::input("--items is of a task", "leave it away: the engine chooses the items of its tasks"));
+    }
+    Ok(())
+}
+
 /// Sends the stages of `options` to other machines.
 pub fn farm(args: &RunArgs, take: &Take, plan: &Plan, options: &RunOptions) -> Result<(), Failed> {
     // What a task may use is reserved for it, so one core is asked for where nothing is said.

@@ -18,12 +18,13 @@ use strandflow_engine::{
 use crate::{
     args::{Engine, RunArgs},
     failure::Failed,
-    farm::farm,
+    farm::{farm, must_fit},
     progress::Progress,
     stdout::print,
 };
 
 pub fn run(args: &RunArgs) -> Result<(), Failed> {
+    must_fit(args)?;
     let mut options = options(args)?;
     if args.confined {
         must_be_confined(&args.take)?;

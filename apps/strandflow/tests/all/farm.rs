@@ -77,6 +77,7 @@ fn a_task_says_by_its_code_whether_another_try_may_help() {
     assert_bad_input(&task("hull", "1..2"), &["--items beyond the first count the work items of one phase"]);
     assert_bad_input(&task("hull/hulls", "0..1"), &["phase `hull/hulls`"]);
     assert_eq!(task("masks", "1..0").status.code(), Some(2));
+    assert_bad_input(&strandflow(&["run", text(&take), "--cancel"]), &["--cancel is of Slurm"]);
     // An image that cannot be read: no try will mend that, and what comes after goes on without it.
     std::fs::write(capture.join("images/cam1/000003.png"), b"no image").unwrap();
     let settled = task("masks/masks", "0x3");
