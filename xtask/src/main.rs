@@ -1,6 +1,7 @@
-//! Set-up, checks and tests of the workspace: `cargo xtask setup | web | test | fuzz`.
+//! Set-up, checks and tests of the workspace: `cargo xtask setup | web | test | fuzz | faults | licences`.
 
 mod fuzz;
+mod licences;
 
 use std::{
     fs,
@@ -10,11 +11,13 @@ use std::{
 };
 
 const USAGE: &str =
-    "cargo xtask setup    install what the tests use beyond Rust: ffmpeg, python3-openvdb, Chromium, foreign readers in target/python,
-                     and build the page
+    "cargo xtask setup    install what the tests use beyond Rust: ffmpeg, python3-openvdb, Chromium, Slurm, foreign readers in
+                     target/python, and build the page
 cargo xtask web      build the pages of `strandflow view` and `annotate` into web/dist (needs Node); the next build of the program holds it
 cargo xtask test     setup, then all tests; what could not be installed is skipped and said so
-cargo xtask fuzz [--seconds N] [TARGET…]    builds the fuzz targets of the readers (needs a C++ compiler) and runs each for N seconds, 10 without";
+cargo xtask fuzz [--seconds N] [TARGET…]    builds the fuzz targets of the readers (needs a C++ compiler) and runs each for N seconds, 10 without
+cargo xtask faults [--kills N]    kills runs N times at random moments, 100 without, damages what is on the disk, and prints what that cost
+cargo xtask licences    looks at the licence and the source of every crate of the lock file";
 
 fn main() -> ExitCode {
     if let Some(compiled) = fuzz::compile() {
@@ -26,6 +29,8 @@ fn main() -> ExitCode {
         "setup" => setup(strict),
         "web" => web(),
         "fuzz" => fuzz::fuzz(&std::env::args().skip(2).collect::<Vec<_>>()),
+        "licences" => licences::licences(),
+        "faults" => faults(&std::env::args().skip(2).collect::<Vec<_>>()),
         "test" => setup(strict).and_then(|()| test()),
         _ => Err(format!("no such task: `{task}`\n{USAGE}")),
     };
@@ -44,6 +49,7 @@ fn setup(strict: bool) -> Result<(), String> {
         ("ffmpeg (videos)", ffmpeg()),
         ("python3-openvdb (volumes)", openvdb()),
         ("chromium (pages)", chromium()),
+        ("slurm-wlm and munge (a take on many machines)", slurm()),
         ("alembic3d, numpy, usd-core, zarr (foreign readers)", readers()),
         ("the pages of `strandflow view` and `annotate`", node().and_then(|()| web())),
     ] {
@@ -73,6 +79,12 @@ fn openvdb() -> Result<(), String> {
 
 fn chromium() -> Result<(), String> {
     debian("chromium", Command::new("/usr/bin/chromium").arg("--version"))
+}
+
+/// A scheduler, which tests start on the loopback. Debian would start it as a service, where services are started.
+fn slurm() -> Result<(), String> {
+    debian("munge", Command::new("/usr/sbin/munged").arg("--version"))?;
+    debian("slurm-wlm", Command::new("/usr/sbin/slurmctld").arg("-V"))
 }
 
 /// Node with npm, which builds the page and drives the browser.
@@ -152,6 +164,23 @@ fn test() -> Result<(), String> {
     run(cargo().args(["test", "--workspace", "--no-fail-fast"]))
 }
 
+/// The tests of mishaps, one after the other, and what they tell: the table of `docs/faults.md`.
+fn faults(arguments: &[String]) -> Result<(), String> {
+    let kills = match arguments {
+        [] => "100",
+        [option, number] if option == "--kills" && number.parse::<usize>().is_ok() => number,
+        _ => return Err("write `cargo xtask faults [--kills N]`".into()),
+    };
+    let rows = std::env::temp_dir().join(format!("strandflow-faults-{}.md", std::process::id()));
+    let tests = ["test", "-p", "strandflow", "--test", "all", "--", "mishaps::", "--test-threads", "1"];
+    let done = run(cargo().env("STRANDFLOW_KILLS", kills).env("STRANDFLOW_FAULTS", &rows).args(tests));
+    let told = fs::read_to_string(&rows).unwrap_or_default();
+    // It may not have been made.
+    let _ = fs::remove_file(&rows);
+    eprintln!("| fault | times | lost | made again | what became of it |\n|---|---:|---:|---:|---|\n{told}");
+    done
+}
+
 fn cargo() -> Command {
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     cargo.current_dir(root()).env("STRANDFLOW_PYTHON", python());
@@ -166,6 +195,15 @@ fn root() -> &'static Path {
 fn target() -> PathBuf {
     // A relative one is relative to the folder that cargo was called in, which is the root where the gate calls it.
     root().join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
+}
+
+/// What a command says.
+fn said(command: &mut Command) -> Result<String, String> {
+    let output = command.output().map_err(|error| format!("{command:?}: {error}"))?;
+    if output.status.success() {
+        return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
+    }
+    Err(format!("{command:?} ended with {}\n{}", output.status, String::from_utf8_lossy(&output.stderr)))
 }
 
 fn run(command: &mut Command) -> Result<(), String> {

@@ -1,6 +1,7 @@
 //! `strandflow check`: the rig doctor.
 
 use strandflow_check::{Finding, Said, Verdict, check as check_all, check_to, gather};
+use strandflow_engine::confined::must_be_confined;
 
 use crate::{args::CheckArgs, failure::Failed, stdout::print};
 
@@ -8,6 +9,9 @@ use crate::{args::CheckArgs, failure::Failed, stdout::print};
 const WIDTH: usize = 100;
 
 pub fn check(args: &CheckArgs) -> Result<(), Failed> {
+    if args.confined {
+        must_be_confined(&args.take)?;
+    }
     let mut evidence = gather::of_folder(&args.take)?;
     let said = match &args.to {
         Some(last) => check_to(&mut evidence, last),

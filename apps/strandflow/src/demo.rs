@@ -6,8 +6,8 @@ use strandflow_synth::{Style, SynthSpec};
 
 use crate::{
     args::{
-        DemoArgs, EvaluateArgs, ExportArgs, ExportStage, Format, NewArgs, OverlayArgs, RunArgs, SequenceStage,
-        TargetArg,
+        DemoArgs, EvaluateArgs, ExportArgs, ExportStage, FarmArgs, Format, NewArgs, OverlayArgs, RunArgs,
+        SequenceStage, TargetArg,
     },
     evaluate, export,
     failure::Failed,
@@ -34,11 +34,15 @@ pub fn demo(args: &DemoArgs) -> Result<(), Failed> {
         take: take.clone(),
         from: None,
         to: None,
+        items: None,
         frames: None,
         mode: None,
         threads: args.threads,
+        verify: false,
+        confined: false,
         unchecked: false,
         json: false,
+        farm: FarmArgs::default(),
     })?;
     let scores = take.join("scores.json");
     evaluate::evaluate(&EvaluateArgs {

@@ -8,19 +8,34 @@ use std::sync::{
 use strandflow_check::{Verdict, check_quick, gather};
 use strandflow_core::{Finding, Place};
 use strandflow_engine::{
-    Event, RunOptions, STAGES, Summary, Take,
+    Event, RunOptions, Summary, Take,
+    confined::must_be_confined,
+    phase_range,
     run::{PhaseSummary, run as run_stages},
-    stage_index,
+    table,
 };
 
-use crate::{args::RunArgs, failure::Failed, progress::Progress, stdout::print};
+use crate::{
+    args::{Engine, RunArgs},
+    failure::Failed,
+    farm::{farm, must_fit},
+    progress::Progress,
+    stdout::print,
+};
 
 pub fn run(args: &RunArgs) -> Result<(), Failed> {
+    must_fit(args)?;
     let mut options = options(args)?;
+    if args.confined {
+        must_be_confined(&args.take)?;
+    }
     let take = Take::open(&args.take)?;
     let plan = take.plan(args.mode.map(Into::into), args.frames)?;
-    if options.from == 0 {
+    if options.phases.start == 0 && options.items.is_none() {
         options.found = look_over(&take, args.unchecked)?;
+    }
+    if args.farm.engine != Engine::Local {
+        return farm(args, &take, &plan, &options);
     }
     let stop = stop_on_ctrl_c();
     let summary = if args.json {
@@ -32,7 +47,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failed> {
     if !args.json {
         eprint!("{}", table(&summary));
     }
-    conclude(&summary)
+    if options.items.is_some() { conclude_task(&summary) } else { conclude(&summary) }
 }
 
 /// The checks that decode no image: what cannot work is refused, the rest is told. A run from a later stage rests on results.
@@ -53,13 +68,24 @@ fn look_over(take: &Take, unchecked: bool) -> Result<Vec<Finding>, Failed> {
 
 fn options(args: &RunArgs) -> Result<RunOptions, Failed> {
     let default = RunOptions::default();
-    let from = args.from.as_deref().map_or(Ok(default.from), stage_index)?;
-    let to = args.to.as_deref().map_or(Ok(default.to), stage_index)?;
-    if from > to {
-        let hint = format!("{} comes after {}", STAGES[from].name, STAGES[to].name);
+    let from = args.from.as_deref().map_or(Ok(default.phases.clone()), phase_range)?;
+    let to = args.to.as_deref().map_or(Ok(default.phases.clone()), phase_range)?;
+    let phases = from.start..to.end;
+    if phases.is_empty() {
+        let (from, to) = (args.from.as_deref().unwrap_or_default(), args.to.as_deref().unwrap_or_default());
+        let hint = format!("{from} comes after {to}");
         return Err(Failed::input("--from names a later stage than --to", hint));
     }
-    Ok(RunOptions { from, to, threads: args.threads.unwrap_or(default.threads), ..default })
+    // The first items of each are what a task of several short phases has.
+    if args.items.as_ref().is_some_and(|items| items.0.start > 0) && phases.len() > 1 {
+        let names: Vec<&str> =
+            table::phases().map(|(_, phase)| phase.name).take(phases.end).skip(phases.start).collect();
+        let hint = format!("let --from and --to name one of {}", names.join(", "));
+        return Err(Failed::input("--items beyond the first count the work items of one phase", hint));
+    }
+    let items = args.items.clone().map(|items| items.0);
+    let threads = args.threads.unwrap_or(default.threads);
+    Ok(RunOptions { phases, items, threads, verify: args.verify, ..default })
 }
 
 /// The first Ctrl-C stops between items; the second ends the program, which costs the items in flight and no more.
@@ -105,6 +131,20 @@ fn table(summary: &Summary) -> String {
         first_findings.iter().for_each(|finding| text += &format!("  {finding}\n"));
     }
     text
+}
+
+/// A task is done when nothing is left that another try could mend: what the input is to blame for is in the store, and what
+/// comes after goes on without it, as it does in one run.
+fn conclude_task(summary: &Summary) -> Result<(), Failed> {
+    let mends = summary.interrupted || summary.failures().any(|(_, failure)| !failure.input);
+    match conclude(summary) {
+        Err(failed) if !mends => {
+            eprintln!("warning: {}\nhint: {}", failed.error, failed.hint);
+            Ok(())
+        }
+        Err(failed) => Err(Failed { input: false, ..failed }),
+        done => done,
+    }
 }
 
 /// The first failures, and the exit code.

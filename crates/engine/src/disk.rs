@@ -27,6 +27,18 @@ pub fn read_text(path: &Path) -> Result<String, EngineError> {
     std::fs::read_to_string(path).map_err(|error| EngineError::disk(path, error))
 }
 
+/// Reads a file that may not exist.
+///
+/// # Errors
+/// `Disk` where it is there and cannot be read.
+pub fn read_if_there(path: &Path) -> Result<Option<Vec<u8>>, EngineError> {
+    match std::fs::read(path) {
+        Ok(bytes) => Ok(Some(bytes)),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(EngineError::disk(path, error)),
+    }
+}
+
 /// Removes a file that may not exist.
 ///
 /// # Errors

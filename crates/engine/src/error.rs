@@ -73,7 +73,7 @@ impl EngineError {
             Self::Disk { .. } => {
                 "check that the path exists, that you may write to it, and that the disk is not full".into()
             }
-            Self::Store { .. } => "delete the folder results.zarr of the take and run again".into(),
+            Self::Store { .. } => "run again with `--verify`: what is damaged is made again; if that does not help, delete the folder results.zarr".into(),
             Self::Missing { .. } => "run the stages before it, or leave --from away".into(),
             Self::Stage { error, .. } => error.hint(),
         }

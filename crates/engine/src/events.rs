@@ -55,6 +55,13 @@ pub enum Event {
         outcome: Outcome,
         /// Seconds it took.
         secs: f64,
+        /// When it began, seconds since 1970.
+        start: f64,
+        /// Where: the machine, or what a scheduler calls it.
+        node: &'static str,
+        /// Largest resident memory of the process from the beginning of the phase to the item's end \[MB\]; `None` where the
+        /// system does not tell.
+        peak_mb: Option<f64>,
         /// What was survived.
         findings: Vec<Finding>,
         /// What went wrong, where it failed or is blocked.

@@ -1,6 +1,6 @@
 //! Work items: what is done whole or not at all.
 
-use std::fmt;
+use std::{fmt, ops::Range, str::FromStr};
 
 /// Strands in one block; also the strands of a chunk in the store, so that blocks never share a chunk.
 pub const BLOCK_STRANDS: usize = 512;
@@ -35,6 +35,30 @@ pub enum Kind {
     Block,
 }
 
+/// Work items of a phase by number, chain by chain: `A..B`, or `NxK` for run number N of K each.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ItemRange(pub Range<usize>);
+
+impl FromStr for ItemRange {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let pair = |by: &str| {
+            let (a, b) = text.split_once(by)?;
+            Some((a.parse::<usize>().ok()?, b.parse::<usize>().ok()?))
+        };
+        let run =
+            |(number, each): (usize, usize)| Some(number.checked_mul(each)?..number.checked_add(1)?.checked_mul(each)?);
+        let range = pair("..").map(|(a, b)| a..b).or_else(|| pair("x").and_then(run));
+        let range = range.filter(|range| !range.is_empty());
+        range.map(Self).ok_or_else(|| {
+            format!(
+                "`{text}` names no items; write A..B (A first, B one past the last) or NxK (run number N of K each)"
+            )
+        })
+    }
+}
+
 impl fmt::Display for Kind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -57,5 +81,20 @@ impl Item {
             Self::ViewFrame(view, frame) => format!("{phase}/view{view:02}/{frame:06}"),
             Self::Block(block) => format!("{phase}/block{block:04}"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn items_are_read_by_range_or_by_run() {
+        let read = |text: &str| text.parse::<ItemRange>().ok().map(|items| items.0);
+        assert_eq!(["4..9", "0x12", "3x12"].map(read), [Some(4..9), Some(0..12), Some(36..48)]);
+        assert_eq!(
+            ["9..4", "3x0", "x", "1x99999999999999999999", "18446744073709551615x2"].map(read),
+            [const { None }; 5]
+        );
     }
 }

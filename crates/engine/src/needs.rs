@@ -4,17 +4,21 @@ use std::{
     collections::{BTreeMap, HashMap},
     io::Read,
     path::{Path, PathBuf},
-    sync::{Mutex, PoisonError},
+    sync::{Arc, Mutex, PoisonError},
 };
 
 use serde::Serialize;
 
-use crate::{EngineError, store::Store};
+use crate::{
+    EngineError,
+    store::{Record, Store},
+};
 
 /// Collects the inputs of one item.
 pub struct Needs<'a> {
     store: &'a Store,
     files: &'a Identities,
+    records: Option<&'a Records>,
     kinds: BTreeMap<String, blake3::Hasher>,
     items: Vec<String>,
 }
@@ -22,7 +26,12 @@ pub struct Needs<'a> {
 impl<'a> Needs<'a> {
     /// Nothing needed yet.
     pub fn new(store: &'a Store, files: &'a Identities) -> Self {
-        Self { store, files, kinds: BTreeMap::new(), items: Vec::new() }
+        Self { store, files, records: None, kinds: BTreeMap::new(), items: Vec::new() }
+    }
+
+    /// With records that were read before; for looks at many items while none is made.
+    pub(crate) fn by(self, records: Option<&'a Records>) -> Self {
+        Self { records, ..self }
     }
 
     /// A value of a kind (`version`, `mode`, `settings`, `values`).
@@ -45,9 +54,13 @@ impl<'a> Needs<'a> {
     /// Some arrays of a finished item.
     ///
     /// # Errors
-    /// `Missing` where the item is not finished.
+    /// `Missing` where the item is not finished; `Disk` where that cannot be told.
     pub fn item(&mut self, key: &str, arrays: &[&str]) -> Result<(), EngineError> {
-        let record = self.store.record(key).ok_or_else(|| EngineError::Missing { item: key.to_owned() })?;
+        let record = match self.records {
+            Some(records) => records.of(self.store, key)?,
+            None => self.store.finished(key)?.map(Arc::new),
+        };
+        let record = record.ok_or_else(|| EngineError::Missing { item: key.to_owned() })?;
         let stage = key.split('/').next().unwrap_or_default();
         let hasher = self.kinds.entry(format!("stage {stage}")).or_default();
         for array in arrays {
@@ -70,6 +83,26 @@ impl<'a> Needs<'a> {
     pub fn finish(self) -> (BTreeMap<String, String>, Vec<String>) {
         let hash = |h: blake3::Hasher| h.finalize().to_hex()[..32].to_owned();
         (self.kinds.into_iter().map(|(kind, hasher)| (kind, hash(hasher))).collect(), self.items)
+    }
+}
+
+/// Records, read once: every frame after `fit` rests on all blocks.
+#[derive(Default)]
+pub(crate) struct Records(Mutex<HashMap<String, Option<Arc<Record>>>>);
+
+impl Records {
+    /// The record of an item, if it is finished.
+    ///
+    /// # Errors
+    /// `Disk`.
+    pub(crate) fn of(&self, store: &Store, key: &str) -> Result<Option<Arc<Record>>, EngineError> {
+        let known = self.0.lock().unwrap_or_else(PoisonError::into_inner).get(key).cloned();
+        if let Some(known) = known {
+            return Ok(known);
+        }
+        let record = store.finished(key)?.map(Arc::new);
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(key.to_owned(), record.clone());
+        Ok(record)
     }
 }
 

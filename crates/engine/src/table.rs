@@ -1,10 +1,13 @@
 //! The stage table: `run`, `status`, resume and progress all derive from it.
 
+use std::ops::Range;
+
 use strandflow_core::Report;
 
 use crate::{
     EngineError, Needs, Plan, Settings, Take,
     item::{Item, Kind},
+    needs::Records,
     rooms,
     store::Writer,
 };
@@ -16,6 +19,15 @@ pub struct Job<'a> {
     pub take: &'a Take,
     /// Mode, settings, frames.
     pub plan: &'a Plan,
+    /// Whether this is one of many tasks: what others may have written is not removed.
+    pub is_task: bool,
+}
+
+impl<'a> Job<'a> {
+    /// All that is to be done with a take.
+    pub fn new(take: &'a Take, plan: &'a Plan) -> Self {
+        Self { take, plan, is_task: false }
+    }
 }
 
 /// Which frames the per-frame items of a phase cover.
@@ -51,6 +63,10 @@ pub struct Phase {
     pub kind: Kind,
     /// Which frames they cover.
     pub span: Span,
+    /// Phases of which an item reads the item of its own frame, view or block, and no other.
+    pub same: &'static [&'static str],
+    /// Phases of which an item reads others.
+    pub others: &'static [&'static str],
     /// Makes the arrays; called once the stages before have run.
     pub prepare: fn(&Job) -> Result<(), EngineError>,
     /// States what an item rests on.
@@ -66,12 +82,14 @@ macro_rules! settings_of {
 }
 
 macro_rules! phase {
-    ($name:literal, $kind:ident, $span:ident, $($room:ident)::+) => {{
+    ($name:literal, $kind:ident, $span:ident, $($room:ident)::+, same $same:expr, others $others:expr) => {{
         use $($room)::+ as room;
         Phase {
             name: $name,
             kind: Kind::$kind,
             span: Span::$span,
+            same: &$same,
+            others: &$others,
             prepare: room::prepare,
             needs: room::needs,
             run: room::run,
@@ -87,7 +105,7 @@ pub static STAGES: [Stage; 13] = [
         version: 7,
         has_modes: true,
         settings: settings_of!(masks),
-        phases: &[phase!("masks/masks", ViewFrameChained, Lead, rooms::masks)],
+        phases: &[phase!("masks/masks", ViewFrameChained, Lead, rooms::masks, same [], others [])],
     },
     Stage {
         name: "hull",
@@ -95,7 +113,10 @@ pub static STAGES: [Stage; 13] = [
         version: 2,
         has_modes: false,
         settings: settings_of!(hull),
-        phases: &[phase!("hull/grid", Take, Lead, rooms::hull::grid), phase!("hull/hull", Frame, Lead, rooms::hull)],
+        phases: &[
+            phase!("hull/grid", Take, Lead, rooms::hull::grid, same [], others ["masks/masks"]),
+            phase!("hull/hull", Frame, Lead, rooms::hull, same [], others ["masks/masks", "hull/grid"]),
+        ],
     },
     Stage {
         name: "pose",
@@ -103,7 +124,7 @@ pub static STAGES: [Stage; 13] = [
         version: 4,
         has_modes: true,
         settings: settings_of!(pose),
-        phases: &[phase!("pose/pose", Take, Lead, rooms::pose)],
+        phases: &[phase!("pose/pose", Take, Lead, rooms::pose, same [], others [])],
     },
     Stage {
         name: "scalp",
@@ -111,7 +132,9 @@ pub static STAGES: [Stage; 13] = [
         version: 2,
         has_modes: false,
         settings: settings_of!(scalp),
-        phases: &[phase!("scalp/scalp", Take, Lead, rooms::scalp)],
+        phases: &[
+            phase!("scalp/scalp", Take, Lead, rooms::scalp, same [], others ["masks/masks", "hull/grid", "hull/hull", "pose/pose"]),
+        ],
     },
     Stage {
         name: "orient",
@@ -120,8 +143,8 @@ pub static STAGES: [Stage; 13] = [
         has_modes: true,
         settings: settings_of!(orient),
         phases: &[
-            phase!("orient/frames", ViewFrame, Frames, rooms::orient::frames),
-            phase!("orient/orient", ViewFrame, Frames, rooms::orient),
+            phase!("orient/frames", ViewFrame, Frames, rooms::orient::frames, same [], others ["masks/masks"]),
+            phase!("orient/orient", ViewFrame, Frames, rooms::orient, same [], others ["orient/frames"]),
         ],
     },
     Stage {
@@ -130,7 +153,9 @@ pub static STAGES: [Stage; 13] = [
         version: 1,
         has_modes: true,
         settings: settings_of!(lift),
-        phases: &[phase!("lift/lift", Frame, Frames, rooms::lift)],
+        phases: &[
+            phase!("lift/lift", Frame, Frames, rooms::lift, same ["hull/hull"], others ["masks/masks", "hull/grid", "orient/orient"]),
+        ],
     },
     Stage {
         name: "field",
@@ -139,8 +164,8 @@ pub static STAGES: [Stage; 13] = [
         has_modes: true,
         settings: settings_of!(field),
         phases: &[
-            phase!("field/field", Frame, Frames, rooms::field),
-            phase!("field/motion", Frame, Frames, rooms::field::motion),
+            phase!("field/field", Frame, Frames, rooms::field, same ["hull/hull", "lift/lift"], others ["masks/masks", "hull/grid", "pose/pose", "scalp/scalp"]),
+            phase!("field/motion", Frame, Frames, rooms::field::motion, same ["field/field"], others ["masks/masks", "hull/grid", "pose/pose", "scalp/scalp", "orient/orient"]),
         ],
     },
     Stage {
@@ -149,7 +174,9 @@ pub static STAGES: [Stage; 13] = [
         version: 6,
         has_modes: true,
         settings: settings_of!(grow),
-        phases: &[phase!("grow/grow", FrameChained, Frames, rooms::grow)],
+        phases: &[
+            phase!("grow/grow", FrameChained, Frames, rooms::grow, same ["field/field", "field/motion"], others ["hull/grid", "pose/pose", "scalp/scalp"]),
+        ],
     },
     Stage {
         name: "prune",
@@ -157,7 +184,9 @@ pub static STAGES: [Stage; 13] = [
         version: 3,
         has_modes: true,
         settings: settings_of!(prune),
-        phases: &[phase!("prune/prune", Frame, Frames, rooms::prune)],
+        phases: &[
+            phase!("prune/prune", Frame, Frames, rooms::prune, same ["hull/hull", "grow/grow"], others ["hull/grid", "orient/orient"]),
+        ],
     },
     Stage {
         name: "smooth",
@@ -166,9 +195,9 @@ pub static STAGES: [Stage; 13] = [
         has_modes: true,
         settings: settings_of!(smooth),
         phases: &[
-            phase!("smooth/frames", Frame, Frames, rooms::smooth::frames),
-            phase!("smooth/topology", Take, Frames, rooms::smooth::topology),
-            phase!("smooth/trim", Block, Frames, rooms::smooth::trim),
+            phase!("smooth/frames", Frame, Frames, rooms::smooth::frames, same ["prune/prune"], others []),
+            phase!("smooth/topology", Take, Frames, rooms::smooth::topology, same [], others ["scalp/scalp", "smooth/frames"]),
+            phase!("smooth/trim", Block, Frames, rooms::smooth::trim, same [], others ["smooth/frames", "smooth/topology"]),
         ],
     },
     Stage {
@@ -177,7 +206,7 @@ pub static STAGES: [Stage; 13] = [
         version: 9,
         has_modes: true,
         settings: settings_of!(fit),
-        phases: &[phase!("fit/fit", Block, Frames, rooms::fit)],
+        phases: &[phase!("fit/fit", Block, Frames, rooms::fit, same["smooth/trim"], others["pose/pose"])],
     },
     Stage {
         name: "flow",
@@ -185,7 +214,7 @@ pub static STAGES: [Stage; 13] = [
         version: 1,
         has_modes: true,
         settings: settings_of!(flow),
-        phases: &[phase!("flow/flow", Frame, Frames, rooms::flow)],
+        phases: &[phase!("flow/flow", Frame, Frames, rooms::flow, same ["hull/hull"], others ["hull/grid", "fit/fit"])],
     },
     Stage {
         name: "blend",
@@ -193,7 +222,9 @@ pub static STAGES: [Stage; 13] = [
         version: 2,
         has_modes: true,
         settings: settings_of!(blend),
-        phases: &[phase!("blend/blend", Frame, Frames, rooms::blend)],
+        phases: &[
+            phase!("blend/blend", Frame, Frames, rooms::blend, same ["hull/hull"], others ["hull/grid", "pose/pose", "scalp/scalp", "fit/fit", "flow/flow"]),
+        ],
     },
 ];
 
@@ -212,13 +243,61 @@ pub fn stage_index(name: &str) -> Result<usize, EngineError> {
     })
 }
 
+/// All phases with their stages, in order.
+pub fn phases() -> impl Iterator<Item = (&'static Stage, &'static Phase)> {
+    STAGES.iter().flat_map(|stage| stage.phases.iter().map(move |phase| (stage, phase)))
+}
+
+/// The phases of a stage, or the one phase of a name `stage/phase`, as indices into [`phases`].
+///
+/// # Errors
+/// `Input` for a name that the table does not have.
+pub fn phase_range(name: &str) -> Result<Range<usize>, EngineError> {
+    let stage = stage_index(name.split('/').next().unwrap_or_default())?;
+    let first: usize = STAGES[..stage].iter().map(|stage| stage.phases.len()).sum();
+    let phases = STAGES[stage].phases;
+    if !name.contains('/') {
+        return Ok(first..first + phases.len());
+    }
+    let at = phases.iter().position(|phase| phase.name == name).ok_or_else(|| {
+        let names: Vec<&str> = phases.iter().map(|phase| phase.name).collect();
+        let hint = format!("choose one of {}", names.join(", "));
+        EngineError::input(format!("phase `{name}`"), "there is no such phase", hint)
+    })?;
+    Ok(first + at..first + at + 1)
+}
+
+/// The item of a key, with its stage and phase.
+///
+/// # Errors
+/// `Missing` where the plan has no such item.
+pub fn item_of(key: &str, job: &Job) -> Result<(&'static Stage, &'static Phase, Item), EngineError> {
+    let missing = || EngineError::Missing { item: key.to_owned() };
+    let of_phase = |phase: &Phase| key.strip_prefix(phase.name).is_some_and(|rest| rest.starts_with('/'));
+    let (stage, phase) = phases().find(|(_, phase)| of_phase(phase)).ok_or_else(missing)?;
+    let items = phase.chains(job)?.into_iter().flatten();
+    let item = { items }.find(|item| item.key(phase.name) == key).ok_or_else(missing)?;
+    Ok((stage, phase, item))
+}
+
 impl Stage {
     /// What an item rests on: hashes by kind, and the keys of the items it reads.
     ///
     /// # Errors
     /// `Missing` where an item it reads is not finished; `Disk` where a file is gone.
     pub fn inputs(&self, phase: &Phase, job: &Job, item: Item) -> Result<Inputs, EngineError> {
-        let mut needs = Needs::new(job.take.store(), job.take.identities());
+        self.inputs_by(phase, job, item, None)
+    }
+
+    /// The same, by records that were read before where there are such.
+    pub(crate) fn inputs_by(
+        &self,
+        phase: &Phase,
+        job: &Job,
+        item: Item,
+        records: Option<&Records>,
+    ) -> Result<Inputs, EngineError> {
+        let mut needs = Needs::new(job.take.store(), job.take.identities()).by(records);
         needs.value("version", "stage", &self.version);
         needs.value("settings", self.name, &(self.settings)(&job.plan.settings));
         if self.has_modes {

@@ -15,6 +15,10 @@ use crate::{
 pub const RESULTS: &str = "results.zarr";
 /// Name of the log of runs within a take: one line of JSON an event.
 pub const RUN_LOG: &str = "run.log";
+/// Folder within a take of what belongs to a farm: scripts, jobs, output and logs of tasks.
+pub const FARM: &str = "farm";
+/// Folder within a take of the logs that tasks of a farm write instead, one a node.
+pub const TASK_LOGS: &str = "farm/logs";
 /// Name of the resolved plan within a take.
 pub const RESOLVED: &str = "resolved.toml";
 
@@ -120,17 +124,18 @@ impl Take {
         self.plan(Some(last.mode), inside.then_some(last.frames))
     }
 
-    /// Writes the plan beside the results.
+    /// Writes the plan beside the results, unless it stands there already: the tasks of a farm need not write it anew.
     ///
     /// # Errors
     /// `Disk`.
     pub fn write_resolved(&self, plan: &Plan) -> Result<(), EngineError> {
         let path = self.root.join(RESOLVED);
         let text = toml::to_string_pretty(plan).map_err(|error| EngineError::disk(&path, error))?;
-        disk::write_atomic(
-            &path,
-            format!("# Written by `strandflow run`: all settings as they were used.\n{text}").as_bytes(),
-        )
+        let text = format!("# Written by `strandflow run`: all settings as they were used.\n{text}");
+        if disk::read_text(&path).is_ok_and(|present| present == text) {
+            return Ok(());
+        }
+        self.store.put(&path, text.as_bytes())
     }
 
     /// All images.
@@ -182,7 +187,7 @@ impl Take {
     pub fn strand_count(&self) -> Result<usize, EngineError> {
         let missing = |_| EngineError::Missing { item: "scalp/scalp/take".into() };
         self.store
-            .record("scalp/scalp/take")
+            .finished("scalp/scalp/take")?
             .ok_or_else(|| EngineError::Missing { item: "scalp/scalp/take".into() })?;
         Ok(self.store.shape("scalp/roots").map_err(missing)?[0])
     }

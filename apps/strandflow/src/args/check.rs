@@ -22,6 +22,9 @@ pub struct CheckArgs {
     /// The last check to make; all without. Those that look at masks take longest, and come late.
     #[arg(long, value_name = "CHECK", value_parser = clap::builder::PossibleValuesParser::new(CHECKS.iter().map(|check| check.name)))]
     pub to: Option<String>,
+    /// Refuse a take that names or links to files outside its folder; for takes of strangers (docs/security.md).
+    #[arg(long)]
+    pub confined: bool,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,

@@ -7,6 +7,7 @@ mod annotate;
 mod check;
 mod evaluate;
 mod export;
+mod farm;
 mod new;
 mod render;
 mod run;
@@ -19,6 +20,7 @@ pub use self::{
     check::CheckArgs,
     evaluate::EvaluateArgs,
     export::{ExportArgs, ExportStage, Format, TargetArg},
+    farm::{Engine, FarmArgs},
     new::NewArgs,
     render::{OverlayArgs, RenderArgs, ReportArgs, SequenceStage},
     run::{BenchArgs, RunArgs, StatusArgs},

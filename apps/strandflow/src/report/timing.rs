@@ -1,8 +1,8 @@
 //! The section on time and memory by stage.
 
-use strandflow_report::{Html, html::Cell};
+use strandflow_report::{Axis, Html, Timeline, html::Cell, timeline::Stretch};
 
-use super::run_log::PhaseTime;
+use super::run_log::{PhaseTime, nodes};
 
 /// Time and memory as a table.
 pub fn section(log: &[PhaseTime]) -> Html {
@@ -32,11 +32,62 @@ pub fn section(log: &[PhaseTime]) -> Html {
     let mut header = vec!["Phase", "", "Wall time", "Items", "All items"];
     header.extend(with_memory.then_some("Peak memory"));
     html.push(Html::table(&header, log.iter().map(row)));
+    html.push(timeline(log).figure(
+        "When the items of each phase were computed, by machine. Times in which none was in work are left out.",
+    ));
     if !with_memory {
         html.push(Html::paragraph("This take was run by a version that did not write memory into run.log."));
     }
     html
 }
+
+/// A row a phase; the time in which nothing was in work is cut out.
+fn timeline(log: &[PhaseTime]) -> Timeline {
+    let mut busy: Vec<(f64, f64)> =
+        log.iter().flat_map(|phase| &phase.spans).map(|span| (span.start, span.end)).collect();
+    busy.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // Each moment in work by the seconds in work before it: (from, to, seconds before).
+    let mut stretches: Vec<(f64, f64, f64)> = Vec::new();
+    for (start, end) in busy {
+        match stretches.last_mut() {
+            Some(last) if start <= last.1 => last.1 = last.1.max(end),
+            last => {
+                let before = last.map_or(0.0, |last| last.2 + last.1 - last.0);
+                stretches.push((start, end, before));
+            }
+        }
+    }
+    let at = |moment: f64| {
+        let last = stretches.iter().rfind(|stretch| stretch.0 <= moment);
+        last.map_or(0.0, |(from, _, before)| before + moment - from)
+    };
+    let places = nodes(log);
+    let place = |node: &String| places.iter().position(|known| known == node).unwrap_or(0);
+    let row = |phase: &PhaseTime| {
+        let bars = phase.spans.iter().map(|span| (at(span.start), at(span.end), place(&span.node)));
+        (phase.phase.clone(), joined(bars.collect()))
+    };
+    let end = stretches.last().map_or(1.0, |(from, to, before)| before + to - from);
+    let alt = format!("{} phases over {} of work", log.len(), duration(end));
+    let names = places.iter().map(|node| if node.is_empty() { "one machine".to_owned() } else { node.clone() });
+    Timeline::new(Axis::exact("seconds of work", 0.0, end), alt, log.iter().map(row).collect(), names.collect())
+}
+
+/// Bars of one place that touch are one: thousands of short items make a page large, and look the same.
+fn joined(mut bars: Vec<Stretch>) -> Vec<Stretch> {
+    bars.sort_by(|a, b| (a.2, a.0).partial_cmp(&(b.2, b.0)).unwrap_or(std::cmp::Ordering::Equal));
+    let mut joined: Vec<Stretch> = Vec::new();
+    for bar in bars {
+        match joined.last_mut() {
+            Some(last) if last.2 == bar.2 && bar.0 <= last.1 + SHORTEST_GAP_SECS => last.1 = last.1.max(bar.1),
+            _ => joined.push(bar),
+        }
+    }
+    joined
+}
+
+/// Between items of one worker there is less.
+const SHORTEST_GAP_SECS: f64 = 0.05;
 
 /// Seconds in words.
 fn duration(secs: f64) -> String {
@@ -50,7 +101,7 @@ fn duration(secs: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{super::run_log::Span, *};
 
     #[test]
     fn times_read_as_people_say_them() {
@@ -58,8 +109,18 @@ mod tests {
     }
 
     #[test]
+    fn idle_time_is_cut_out_and_items_that_touch_are_one_bar() {
+        let span = |start: f64, end: f64| Span { start, end, node: String::new() };
+        let phase = |name: &str, spans| PhaseTime { phase: name.into(), spans, ..PhaseTime::default() };
+        let log = [phase("a", vec![span(100.0, 110.0), span(110.0, 120.0)]), phase("b", vec![span(9000.0, 9020.0)])];
+        let svg = timeline(&log).figure("").into_text();
+        assert_eq!(svg.matches("class=\"fill").count(), 2, "{svg}");
+        assert!(svg.contains("x=\"106.0\"") && svg.contains("x=\"226.0\""), "b begins in the middle: {svg}");
+    }
+
+    #[test]
     fn without_memory_there_is_no_column_for_it() {
-        let phase = PhaseTime { phase: "fit/fit".into(), items: 3, item_secs: 9.0, wall_secs: 7.0, peak_mb: None };
+        let phase = PhaseTime { phase: "fit/fit".into(), items: 3, wall_secs: 7.0, ..PhaseTime::default() };
         let text = |phase| section(&[phase]).into_text();
         assert!(!text(phase.clone()).contains("Peak memory"));
         assert!(text(PhaseTime { peak_mb: Some(99.6), ..phase }).contains("100 MB"));

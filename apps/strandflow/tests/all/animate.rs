@@ -12,7 +12,7 @@ use glam::{DMat3, DVec3, Vec3};
 use strandflow_core::{FrameRange, Grid, Provenance, RigidTransform, StrandSequence};
 use strandflow_engine::{
     Manifest, Plan,
-    store::{Record, Store, Writer},
+    store::{Store, Writer},
 };
 use strandflow_geometry::primitives::icosphere;
 use strandflow_io::{Interchange, SceneOptions, VdbOptions, write_usc_data, write_usd, write_velocity_vdb};
@@ -73,8 +73,7 @@ fn take(root: &Path) -> PathBuf {
         let mut out = Writer::new(&store);
         out.whole(&format!("flow/{t:06}/voxel"), &[voxels.len()], &voxels).unwrap();
         out.whole(&format!("flow/{t:06}/velocity"), &[voxels.len(), 3], &velocities).unwrap();
-        let record = Record { inputs: BTreeMap::new(), outputs: out.finish(), findings: Vec::new() };
-        store.write_record(&format!("flow/flow/{t:06}"), &record).unwrap();
+        out.finish(&format!("flow/flow/{t:06}"), BTreeMap::new(), Vec::new()).unwrap();
     }
     take
 }

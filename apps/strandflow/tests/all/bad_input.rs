@@ -12,6 +12,30 @@ fn a_missing_frame_names_view_and_frame() {
     assert!(!take.join("results.zarr/masks").exists());
 }
 
+#[cfg(unix)]
+#[test]
+fn a_strangers_take_stays_in_its_folder() {
+    let root = tempfile::tempdir().unwrap();
+    let (_, outside) = take(root.path());
+    for command in ["run", "check"] {
+        assert_bad_input(
+            &strandflow(&[command, text(&outside), "--confined"]),
+            &["calibration.file", "lies outside the take"],
+        );
+    }
+    assert!(!outside.join("run.log").exists());
+    let inside = root.path().join("inside");
+    crate::common::capture(&inside.join("capture"));
+    let made = strandflow(&["new", text(&inside), "--capture", text(&inside.join("capture"))]);
+    assert!(made.status.success(), "{}", stderr(&made));
+    let run = strandflow(&["run", text(&inside), "--to", "masks", "--confined"]);
+    assert!(run.status.success(), "{}", stderr(&run));
+    // Results would be written where the link leads.
+    std::fs::rename(inside.join("results.zarr"), root.path().join("elsewhere")).unwrap();
+    std::os::unix::fs::symlink(root.path().join("elsewhere"), inside.join("results.zarr")).unwrap();
+    assert_bad_input(&strandflow(&["run", text(&inside), "--confined"]), &["symbolic link", "results.zarr"]);
+}
+
 #[test]
 fn a_camera_without_calibration_is_named() {
     let root = tempfile::tempdir().unwrap();

@@ -47,7 +47,7 @@ fn a_view_held_out_tells_true_strands_from_turned_ones_and_takes_no_part() {
     let status = strandflow(&["status", text(&take), "--json"]);
     let phases: Vec<Value> = serde_json::from_slice(&status.stdout).unwrap();
     let stale: Vec<&str> = phases.iter().filter(|p| p["stale"] != 0).map(|p| p["phase"].as_str().unwrap()).collect();
-    assert_eq!(stale, ["masks/masks", "orient/orient"]);
+    assert_eq!(stale, ["masks/masks", "orient/frames", "orient/orient"]);
 }
 
 /// The true strands, turned as a whole about the middle of the hair.

@@ -11,7 +11,7 @@ use strandflow_stages::animate::FrameCheck;
 use crate::{
     EngineError,
     item::BLOCK_STRANDS,
-    store::{Record, Store, Writer},
+    store::{Store, Writer},
 };
 
 /// An animation's arrays.
@@ -99,8 +99,7 @@ impl<'a> Folder<'a> {
             }
         }
         writer.chunk(&self.array("check"), &[k, 0], &check.to_array())?;
-        let record = Record { inputs: inputs.clone(), outputs: writer.finish(), findings: Vec::new() };
-        self.store.write_record(&self.item(k), &record)
+        writer.finish(&self.item(k), inputs.clone(), Vec::new()).map(|_| ())
     }
 
     /// What the first frames were found to be.

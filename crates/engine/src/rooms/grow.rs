@@ -21,7 +21,7 @@ pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), Engi
     needs.value("values", "gravity", &job.take.manifest().gravity);
     let arrays = ["voxel", "direction", "trust", "observed"].map(|name| format!("field/{frame:06}/{name}"));
     needs.item(&item.key("field/field"), &arrays.each_ref().map(String::as_str))?;
-    let Some(before) = before(job, frame) else { return Ok(()) };
+    let Some(before) = before(job, frame)? else { return Ok(()) };
     need_pose(job, [before].into_iter(), needs)?;
     needs.item(&item.key("field/motion"), &[&format!("field/{frame:06}/motion")])?;
     needs.item(&Item::Frame(before).key("grow/grow"), &["grow/points", "grow/provenance"])
@@ -30,17 +30,20 @@ pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), Engi
 /// The frame whose strands are followed: none in the first frame, nor where every frame grows by itself, nor after a frame
 /// that could not be grown: one bad frame must not cost all after it. The frame before settles first, and what an item
 /// rests on tells the two cases apart, so a frame put right is followed again.
-fn before(job: &Job, frame: usize) -> Option<usize> {
+fn before(job: &Job, frame: usize) -> Result<Option<usize>, EngineError> {
     let follows = job.plan.mode == Mode::Robust && job.plan.settings.grow.follow > 0.0;
-    let before = (follows && frame > job.plan.frames.start).then(|| frame - 1)?;
-    job.take.store().record(&Item::Frame(before).key("grow/grow")).map(|_| before)
+    if !follows || frame == job.plan.frames.start {
+        return Ok(None);
+    }
+    let before = frame - 1;
+    Ok(job.take.store().finished(&Item::Frame(before).key("grow/grow"))?.map(|_| before))
 }
 
 pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {
     let frame = frame_of(item)?;
     let (take, settings) = (job.take, &job.plan.settings.grow);
     let scalp = take.read_scalp()?;
-    let before = before(job, frame)
+    let before = before(job, frame)?
         .map(|before| Ok::<_, EngineError>((take.read_strands("grow", before)?, take.read_pose(before)?)))
         .transpose()?;
     let motion = before.as_ref().map(|_| take.read_motion(frame)).transpose()?;

@@ -33,9 +33,15 @@ pub(crate) fn ensure(
     chunk: &[usize],
 ) -> Result<(), EngineError> {
     let store = job.take.store();
-    if !store.matches(path, shape, chunk, more.clone()) {
+    if !store.matches(path, shape, chunk, more.clone())? {
         // Before the array goes: a run killed in between must not leave records of what is no longer there.
-        if store.must_remove(path, shape, chunk, more.clone()) {
+        if store.must_remove(path, shape, chunk, more.clone())? {
+            if job.is_task {
+                return Err(EngineError::store(
+                    path,
+                    "is there in another shape; a task among many does not remove it",
+                ));
+            }
             store.forget_phase(phase)?;
         }
         store.ensure(path, shape, chunk, more)?;

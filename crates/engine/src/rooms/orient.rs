@@ -22,7 +22,7 @@ pub(crate) fn prepare(job: &Job) -> Result<(), EngineError> {
 pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), EngineError> {
     let (view, frame) = view_frame_of(item)?;
     needs.item(&item.key(frames::PHASE), &frames::MAP)?;
-    let (before, after) = around(job, view, frame);
+    let (before, after) = around(job, view, frame)?;
     if before.is_empty() && after.is_empty() {
         return Ok(());
     }
@@ -37,7 +37,7 @@ pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), Engi
 pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, _: &mut Report) -> Result<(), EngineError> {
     let at @ (view, frame) = view_frame_of(item)?;
     let own = job.take.read_lone_orientation(view, frame)?;
-    let (before, after) = around(job, view, frame);
+    let (before, after) = around(job, view, frame)?;
     let moments =
         |frames: &[usize]| frames.iter().map(|&t| job.take.read_moment(view, t)).collect::<Result<Vec<_>, _>>();
     let map = if before.is_empty() && after.is_empty() {
@@ -51,11 +51,14 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, _: &mut Report) -> Re
 
 /// The frames before and after one that it is averaged with, nearest first: as many as the settings say, up to the first that
 /// has no map.
-fn around(job: &Job, view: usize, frame: usize) -> (Vec<usize>, Vec<usize>) {
-    let there = |&t: &usize| job.take.store().record(&Item::ViewFrame(view, t).key(frames::PHASE)).is_some();
+fn around(job: &Job, view: usize, frame: usize) -> Result<(Vec<usize>, Vec<usize>), EngineError> {
+    let seen = |t: usize| -> Result<Option<usize>, EngineError> {
+        Ok(job.take.store().finished(&Item::ViewFrame(view, t).key(frames::PHASE))?.map(|_| t))
+    };
     let (start, end, reach) = (job.plan.frames.start, job.plan.frames.end, reach(job));
-    let before = (start.max(frame.saturating_sub(reach))..frame).rev().take_while(there).collect();
-    (before, (frame + 1..end.min(frame + 1 + reach)).take_while(there).collect())
+    let before = (start.max(frame.saturating_sub(reach))..frame).rev().map_while(|t| seen(t).transpose());
+    let after = (frame + 1..end.min(frame + 1 + reach)).map_while(|t| seen(t).transpose());
+    Ok((before.collect::<Result<_, _>>()?, after.collect::<Result<_, _>>()?))
 }
 
 /// Angles and confidences, as the store has them.
@@ -110,19 +113,21 @@ pub mod frames {
     }
 
     /// The frame before, where it has masks: an image that cannot be read costs its neighbours nothing.
-    fn before(job: &Job, view: usize, frame: usize) -> Option<usize> {
-        let before = (reach(job) > 0 && frame > job.plan.frames.start).then(|| frame - 1)?;
-        job.take.store().record(&Item::ViewFrame(view, before).key("masks/masks")).map(|_| before)
+    fn before(job: &Job, view: usize, frame: usize) -> Result<Option<usize>, EngineError> {
+        if reach(job) == 0 || frame == job.plan.frames.start {
+            return Ok(None);
+        }
+        let masks = Item::ViewFrame(view, frame - 1).key("masks/masks");
+        Ok(job.take.store().finished(&masks)?.map(|_| frame - 1))
     }
 
     pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), EngineError> {
         let (view, frame) = view_frame_of(item)?;
         needs.file(&job.take.sources().image_file(view, frame)?)?;
         needs.item(&item.key("masks/masks"), &["masks/subject", "masks/hair"])?;
-        match before(job, view, frame) {
-            Some(before) => needs.file(&job.take.sources().image_file(view, before)?),
-            None => Ok(()),
-        }
+        let Some(before) = before(job, view, frame)? else { return Ok(()) };
+        needs.finished(&Item::ViewFrame(view, before).key("masks/masks"))?;
+        needs.file(&job.take.sources().image_file(view, before)?)
     }
 
     pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {
@@ -138,7 +143,7 @@ pub mod frames {
             return Ok(());
         }
         write_map(job, out, (HALF, half_size), at, &half(&map))?;
-        let back = match before(job, view, frame) {
+        let back = match before(job, view, frame)? {
             Some(before) => flow_back(&image, &*job.take.images().image(view, before)?, &masks.hair),
             None => {
                 let (width, height) = flow_size((image.width, image.height));

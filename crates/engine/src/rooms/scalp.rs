@@ -44,8 +44,12 @@ fn still_frames(job: &Job) -> Result<Vec<usize>, EngineError> {
         .take_while(|pose| pose.angle() < STILL_RAD && pose.point(centre).distance(centre) < STILL_MM)
         .count()
         .max(1);
-    let has_hull = |&frame: &usize| job.take.store().record(&Item::Frame(frame).key("hull/hull")).is_some();
-    let still: Vec<usize> = (0..still).map(|i| job.plan.lead.start + i).filter(has_hull).collect();
+    let mut frames = Vec::new();
+    for frame in (0..still).map(|i| job.plan.lead.start + i) {
+        let hull = job.take.store().finished(&Item::Frame(frame).key("hull/hull"))?;
+        frames.extend(hull.map(|_| frame));
+    }
+    let still = frames;
     let used = still.len().min(STILL_FRAMES);
     let spread = |i: usize| if used == 1 { 0 } else { i * (still.len() - 1) / (used - 1) };
     Ok((0..used).map(|i| still[spread(i)]).collect())

@@ -7,18 +7,22 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
+use strandflow_core::Finding;
 use zarrs::{
     array::{
-        Array, ArrayBuilder, ArrayError, ArrayMetadataOptions, ArraySubset, BytesToBytesCodecTraits, CodecOptions,
-        DataType, ElementOwned, FillValue,
-        codec::{BloscCodec, BloscCompressionLevel, BloscCompressor, BloscShuffleMode},
+        Array, ArrayBuilder, ArrayError, ArrayMetadata, ArrayMetadataOptions, ArraySubset, BytesToBytesCodecTraits,
+        CodecError, CodecOptions, DataType, ElementOwned, FillValue,
+        codec::{BloscCodec, BloscCompressionLevel, BloscCompressor, BloscShuffleMode, Crc32cCodec},
         data_type,
     },
-    filesystem::FilesystemStore,
     group::{Group, GroupBuilder},
 };
 
-use super::catalogue::{self, DType};
+use super::{
+    Record,
+    catalogue::{self, DType},
+    files::{Files, Sums, refusal, sum},
+};
 use crate::{EngineError, disk};
 
 /// A number an array can hold.
@@ -36,7 +40,7 @@ elements!(u8 => U8, u16 => U16, u32 => U32, f32 => F32, f64 => F64);
 #[derive(Clone)]
 pub struct Store {
     root: PathBuf,
-    files: Arc<FilesystemStore>,
+    files: Arc<Files>,
     groups: Arc<Mutex<()>>,
 }
 
@@ -47,8 +51,26 @@ impl Store {
     /// `Disk` where the folder cannot be made.
     pub fn open(root: &Path) -> Result<Self, EngineError> {
         std::fs::create_dir_all(root).map_err(|e| EngineError::disk(root, e))?;
-        let files = FilesystemStore::new(root).map_err(|e| EngineError::disk(root, e))?;
-        Ok(Self { root: root.to_owned(), files: Arc::new(files), groups: Arc::default() })
+        Ok(Self { root: root.to_owned(), files: Arc::new(Files::new(root)), groups: Arc::default() })
+    }
+
+    /// From now on only finished items are read: a chunk that is not there is damage, not fill values.
+    pub fn expect_complete(&self) {
+        self.files.expect_complete();
+    }
+
+    /// Removes what killed processes left half written.
+    pub fn sweep(&self) {
+        self.files.sweep();
+    }
+
+    /// Writes a file of the store or beside it, and the folders above it: readers see the old bytes or the new, and of two
+    /// processes the later wins.
+    ///
+    /// # Errors
+    /// `Disk`.
+    pub fn put(&self, path: &Path, bytes: &[u8]) -> Result<(), EngineError> {
+        self.files.put(path, bytes).map_err(|error| EngineError::disk(path, error))
     }
 
     /// The folder.
@@ -68,46 +90,68 @@ impl Store {
         chunk: &[usize],
         more: serde_json::Value,
     ) -> Result<(), EngineError> {
-        if self.matches(path, shape, chunk, more.clone()) {
+        if self.matches(path, shape, chunk, more.clone())? {
             return Ok(());
         }
         let metadata = self.describe(path, shape, chunk, more.clone())?;
-        if self.must_remove(path, shape, chunk, more) {
+        if self.must_remove(path, shape, chunk, more)? {
             self.remove(path)?;
         }
         self.ensure_groups(path)?;
-        disk::write_atomic(&self.root.join(path).join("zarr.json"), metadata.as_bytes())
+        self.put(&self.root.join(path).join("zarr.json"), metadata.as_bytes())
     }
 
     /// Whether `ensure` would change nothing.
-    pub fn matches(&self, path: &str, shape: &[usize], chunk: &[usize], more: serde_json::Value) -> bool {
-        let Ok(metadata) = self.describe(path, shape, chunk, more) else { return false };
-        std::fs::read_to_string(self.root.join(path).join("zarr.json")).is_ok_and(|present| present == metadata)
+    ///
+    /// # Errors
+    /// `Store` for a path that the catalogue does not know; `Disk`.
+    pub fn matches(
+        &self,
+        path: &str,
+        shape: &[usize],
+        chunk: &[usize],
+        more: serde_json::Value,
+    ) -> Result<bool, EngineError> {
+        let present = disk::read_if_there(&self.root.join(path).join("zarr.json"))?;
+        Ok(present
+            .is_some_and(|present| self.describe(path, shape, chunk, more).is_ok_and(|m| m.as_bytes() == present)))
     }
 
-    /// Whether `ensure` would have to throw chunks away.
-    pub fn must_remove(&self, path: &str, shape: &[usize], chunk: &[usize], more: serde_json::Value) -> bool {
-        if !self.root.join(path).exists() {
-            return false;
+    /// Whether `ensure` would have to throw chunks away. What cannot be read is not thrown away.
+    ///
+    /// # Errors
+    /// As [`Store::matches`].
+    pub fn must_remove(
+        &self,
+        path: &str,
+        shape: &[usize],
+        chunk: &[usize],
+        more: serde_json::Value,
+    ) -> Result<bool, EngineError> {
+        let folder = self.root.join(path);
+        if disk::read_if_there(&folder.join("zarr.json"))?.is_none() {
+            // Without chunks it is about to be made by another process.
+            return Ok(folder.join("c").exists());
         }
-        let Ok(present) = self.shape(path) else { return true };
+        let present = match self.shape(path) {
+            Ok(present) => present,
+            Err(error @ EngineError::Disk { .. }) => return Err(error),
+            Err(_) => return Ok(true),
+        };
         let mut same_frames = shape.to_vec();
         if let (Some(first), Some(frames)) = (same_frames.first_mut(), present.first()) {
             *first = *frames;
         }
-        !(chunk.first() == Some(&1) && self.matches(path, &same_frames, chunk, more))
+        Ok(!(chunk.first() == Some(&1) && self.matches(path, &same_frames, chunk, more)?))
     }
 
-    /// Removes an array or a group with all that is in it.
+    /// Removes an array or a group with all that is in it, at once: another process sees all of it or nothing.
     ///
     /// # Errors
     /// `Disk`.
     pub fn remove(&self, path: &str) -> Result<(), EngineError> {
         let folder = self.root.join(path);
-        match std::fs::remove_dir_all(&folder) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(EngineError::disk(&folder, error)),
-            _ => Ok(()),
-        }
+        self.files.remove_folder(&folder).map_err(|error| EngineError::disk(&folder, error))
     }
 
     /// Samples of an array; `range` has one entry a dimension.
@@ -122,7 +166,7 @@ impl Store {
         }
         let range: Vec<Range<u64>> = range.iter().map(|r| r.start as u64..r.end as u64).collect();
         let subset = ArraySubset::new_with_ranges(&range);
-        array.retrieve_array_subset_opt(&subset, &options()).map_err(|e| EngineError::store(path, e))
+        array.retrieve_array_subset_opt(&subset, &options()).map_err(|error| self.error_of(path, error))
     }
 
     /// All samples of an array.
@@ -142,8 +186,29 @@ impl Store {
         Ok(self.array(path)?.shape().iter().map(|n| *n as usize).collect())
     }
 
-    pub(crate) fn array(&self, path: &str) -> Result<Array<FilesystemStore>, EngineError> {
-        Array::open(self.files.clone(), &format!("/{path}")).map_err(|e| EngineError::store(path, e))
+    pub(crate) fn array(&self, path: &str) -> Result<Array<Files>, EngineError> {
+        let file = self.root.join(path).join("zarr.json");
+        let text = std::fs::read_to_string(&file).map_err(|error| match error.kind() {
+            std::io::ErrorKind::NotFound => EngineError::store(path, "is not there"),
+            _ => EngineError::disk(&file, error),
+        })?;
+        let metadata: ArrayMetadata = serde_json::from_str(&text).map_err(|e| EngineError::store(path, e))?;
+        // Arrays of earlier versions have no checksums.
+        let files = if text.contains("\"crc32c\"") { Arc::new(self.files.checked()) } else { self.files.clone() };
+        Array::new_with_metadata(files, &format!("/{path}"), metadata).map_err(|e| EngineError::store(path, e))
+    }
+
+    /// A full disk or a lack of file handles is no fault of the array.
+    fn error_of(&self, path: &str, error: ArrayError) -> EngineError {
+        match &error {
+            ArrayError::StorageError(cause) | ArrayError::CodecError(CodecError::StorageError(cause)) => {
+                match refusal(cause) {
+                    Some(cause) => EngineError::disk(&self.root.join(path), cause),
+                    None => EngineError::store(path, cause),
+                }
+            }
+            _ => EngineError::store(path, error),
+        }
     }
 
     fn describe(
@@ -174,7 +239,10 @@ impl Store {
             BloscCodec::new(BloscCompressor::LZ4, level, None, BloscShuffleMode::Shuffle, Some(spec.dtype.bytes()))
                 .map_err(|e| EngineError::store(path, e))?;
         let array = ArrayBuilder::new(wide(shape), chunk, dtype, fill)
-            .bytes_to_bytes_codecs(vec![Arc::new(blosc) as Arc<dyn BytesToBytesCodecTraits>])
+            .bytes_to_bytes_codecs(vec![
+                Arc::new(blosc) as Arc<dyn BytesToBytesCodecTraits>,
+                Arc::new(Crc32cCodec::new()),
+            ])
             .dimension_names(Some(spec.dims.iter().copied()))
             .attributes(attributes)
             .build(self.files.clone(), &format!("/{path}"))
@@ -192,10 +260,10 @@ impl Store {
         for group in above {
             let file = self.root.join(&group).join("zarr.json");
             if !file.exists() {
-                let built: Group<FilesystemStore> = GroupBuilder::new()
+                let built: Group<Files> = GroupBuilder::new()
                     .build(self.files.clone(), &format!("/{group}"))
                     .map_err(|e| EngineError::store(&group, e))?;
-                disk::write_atomic(&file, built.metadata().to_string_pretty().as_bytes())?;
+                self.put(&file, built.metadata().to_string_pretty().as_bytes())?;
             }
         }
         Ok(())
@@ -203,47 +271,49 @@ impl Store {
 }
 
 /// Writes the arrays of one work item and hashes what it writes.
-pub struct Writer<'a> {
-    store: &'a Store,
+pub struct Writer {
+    store: Store,
+    sums: Arc<Mutex<Sums>>,
     hashes: BTreeMap<String, blake3::Hasher>,
 }
 
-impl<'a> Writer<'a> {
+impl Writer {
     /// A writer for one item.
-    pub fn new(store: &'a Store) -> Self {
-        Self { store, hashes: BTreeMap::new() }
+    pub fn new(store: &Store) -> Self {
+        let sums = Arc::<Mutex<Sums>>::default();
+        let files = Arc::new(store.files.noting(sums.clone()));
+        Self { store: Store { files, ..store.clone() }, sums, hashes: BTreeMap::new() }
     }
 
     /// The store.
     pub fn store(&self) -> &Store {
-        self.store
+        &self.store
     }
 
     /// Writes one whole chunk of an array (at the array's border: padded to the chunk's shape).
     ///
     /// # Errors
-    /// `Store` where the array does not exist, holds another type, or the length is not the chunk's.
+    /// `Store` where the array does not exist, holds another type, or the length is not the chunk's; `Disk`.
     pub fn chunk<T: Element>(&mut self, path: &str, chunk: &[usize], data: &[T]) -> Result<(), EngineError> {
         let array = self.store.array(path)?;
         let at: Vec<u64> = chunk.iter().map(|i| *i as u64).collect();
-        array.store_chunk_opt(&at, data, &options()).map_err(|error| match error {
-            // A full disk is no fault of the array.
-            ArrayError::StorageError(cause) => EngineError::disk(&self.store.root.join(path), cause),
-            other => EngineError::store(path, other),
-        })?;
+        array.store_chunk_opt(&at, data, &options()).map_err(|error| self.store.error_of(path, error))?;
         let hasher = self.hashes.entry(path.to_owned()).or_default();
         hasher.update(format!("{chunk:?}{}", data.len()).as_bytes());
         hasher.update(bytemuck::cast_slice(data));
         Ok(())
     }
 
-    /// Makes an array of one chunk and writes it: for results whose size is only known with them.
+    /// Makes an array of one chunk and writes it: for results whose size is only known with them. Nothing is removed first, since
+    /// another process may be making the same.
     ///
     /// # Errors
-    /// As [`Writer::chunk`]; `Disk`.
+    /// As [`Writer::chunk`].
     pub fn whole<T: Element>(&mut self, path: &str, shape: &[usize], data: &[T]) -> Result<(), EngineError> {
-        self.store.ensure(path, shape, shape, serde_json::Value::Null)?;
+        self.describe(path, shape)?;
         if data.is_empty() {
+            // A chunk that is there is of another size.
+            self.store.remove(&format!("{path}/c"))?;
             self.hashes.entry(path.to_owned()).or_default().update(b"empty");
             return Ok(());
         }
@@ -251,13 +321,39 @@ impl<'a> Writer<'a> {
         self.chunk(path, &vec![0; shape.len()], data)
     }
 
-    /// Hash of everything written, by array.
-    pub fn finish(self) -> BTreeMap<String, String> {
-        self.hashes.into_iter().map(|(path, hasher)| (path, hasher.finalize().to_hex()[..32].to_owned())).collect()
+    /// Writes the description of an array of one chunk, and notes it.
+    fn describe(&self, path: &str, shape: &[usize]) -> Result<(), EngineError> {
+        let (store, file) = (&self.store, format!("{path}/zarr.json"));
+        let metadata = store.describe(path, shape, shape, serde_json::Value::Null)?;
+        if !store.matches(path, shape, shape, serde_json::Value::Null)? {
+            store.ensure_groups(path)?;
+            store.put(&store.root.join(&file), metadata.as_bytes())?;
+        }
+        self.sums.lock().unwrap_or_else(PoisonError::into_inner).insert(file, sum(metadata.as_bytes()));
+        Ok(())
+    }
+
+    /// Declares the item finished: hashes of its files, then its record.
+    ///
+    /// # Errors
+    /// `Disk`.
+    pub fn finish(
+        self,
+        item: &str,
+        inputs: BTreeMap<String, String>,
+        findings: Vec<Finding>,
+    ) -> Result<Record, EngineError> {
+        let hash = |hasher: blake3::Hasher| hasher.finalize().to_hex()[..32].to_owned();
+        let outputs = self.hashes.into_iter().map(|(path, hasher)| (path, hash(hasher))).collect();
+        let record = Record { inputs, outputs, findings };
+        self.store.write_sums(item, &self.sums.lock().unwrap_or_else(PoisonError::into_inner))?;
+        self.store.write_record(item, &record)?;
+        Ok(record)
     }
 }
 
-/// One thread a chunk: items run in parallel already, and the bytes must not depend on the machine.
+/// One thread a chunk: items run in parallel already, and the bytes must not depend on the machine. Chunks of nothing but fill
+/// values are written too, so that one that is lost is not taken for one.
 fn options() -> CodecOptions {
-    CodecOptions::default().with_concurrent_target(1)
+    CodecOptions::default().with_concurrent_target(1).with_store_empty_chunks(true)
 }

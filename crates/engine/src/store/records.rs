@@ -36,9 +36,19 @@ pub struct Failure {
 }
 
 impl Store {
-    /// The record of an item, if it is finished. A record that cannot be read counts as none.
+    /// The record of an item, if it is finished and can be read.
     pub fn record(&self, item: &str) -> Option<Record> {
-        serde_json::from_str(&std::fs::read_to_string(self.record_path(item)).ok()?).ok()
+        self.finished(item).ok().flatten()
+    }
+
+    /// The record of an item, if it is finished. One that is no record counts as none; one that the system refuses to read does
+    /// not: nothing may be made again, let alone removed, because file handles ran out.
+    ///
+    /// # Errors
+    /// `Disk`.
+    pub fn finished(&self, item: &str) -> Result<Option<Record>, EngineError> {
+        let path = self.record_path(item);
+        Ok(disk::read_if_there(&path)?.and_then(|bytes| serde_json::from_slice(&bytes).ok()))
     }
 
     /// Why an item failed, if it did.
@@ -60,7 +70,7 @@ impl Store {
     /// # Errors
     /// `Disk`.
     pub fn write_record(&self, item: &str, record: &Record) -> Result<(), EngineError> {
-        disk::write_atomic(&self.record_path(item), to_json(record)?.as_bytes())
+        self.put(&self.record_path(item), to_json(record)?.as_bytes())
     }
 
     /// Declares an item failed.
@@ -68,7 +78,7 @@ impl Store {
     /// # Errors
     /// `Disk`.
     pub fn write_failure(&self, item: &str, failure: &Failure) -> Result<(), EngineError> {
-        disk::write_atomic(&self.failure_path(item), to_json(failure)?.as_bytes())
+        self.put(&self.failure_path(item), to_json(failure)?.as_bytes())
     }
 
     /// Declares an item neither finished nor failed; before anything of it is written.
@@ -77,6 +87,14 @@ impl Store {
     /// `Disk`.
     pub fn forget(&self, item: &str) -> Result<(), EngineError> {
         disk::remove_file(&self.record_path(item))?;
+        disk::remove_file(&self.failure_path(item))
+    }
+
+    /// Declares an item that is finished not to have failed: it had been refused something, and now was not.
+    ///
+    /// # Errors
+    /// `Disk`.
+    pub fn forgive(&self, item: &str) -> Result<(), EngineError> {
         disk::remove_file(&self.failure_path(item))
     }
 

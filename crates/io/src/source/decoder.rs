@@ -1,6 +1,7 @@
 //! One running ffmpeg: decoded frames of one video in order, over a pipe.
 
 use std::{
+    ffi::OsString,
     io::Read,
     path::Path,
     process::{Child, ChildStdout, Command, Stdio},
@@ -21,6 +22,14 @@ pub(super) struct Decoder {
     pub next: usize,
 }
 
+/// The input of ffmpeg and ffprobe: this file, which is neither an option nor an address, whatever its name; and what it holds may
+/// not lead to the network.
+pub(super) fn only_this_file(path: &Path) -> [OsString; 4] {
+    let mut file = OsString::from("file:");
+    file.push(path);
+    ["-protocol_whitelist".into(), "file".into(), "-i".into(), file]
+}
+
 impl Decoder {
     /// Starts ffmpeg so that `first` comes out first. Frames before it are decoded and dropped there: seeking in a video
     /// with B-frames or an odd start time is off by frames often enough.
@@ -29,7 +38,7 @@ impl Decoder {
         command.args(["-nostdin", "-v", "error", "-threads", "2"]);
         // Left to itself ffmpeg paints over damaged parts of a frame, or drops the frame, and later ones take its number:
         // both would go into the results unseen.
-        command.args(["-xerror", "-err_detect", "explode", "-i"]).arg(path);
+        command.args(["-xerror", "-err_detect", "explode"]).args(only_this_file(path));
         command.args(["-map", "0:v:0", "-an", "-sn", "-vsync", "passthrough"]);
         if first > 0 {
             command.args(["-vf", &format!("select=gte(n\\,{first})")]);

@@ -4,7 +4,7 @@ use std::{path::Path, process::Command};
 
 use serde::Deserialize;
 
-use super::SourceInfo;
+use super::{SourceInfo, decoder::only_this_file};
 use crate::{IoError, error::At};
 
 #[derive(Deserialize)]
@@ -44,7 +44,7 @@ pub fn probe_video(path: &Path) -> Result<SourceInfo, IoError> {
     let output = Command::new("ffprobe")
         .args(["-v", "error", "-select_streams", "v:0", "-count_packets", "-of", "json", "-show_entries"])
         .arg("stream=width,height,avg_frame_rate,nb_read_packets:stream_side_data=rotation")
-        .arg(path)
+        .args(only_this_file(path))
         .output()
         .map_err(|cause| program_error(path, "ffprobe", cause))?;
     let unreadable = |fact: String| {

@@ -2,6 +2,8 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
 pub mod browser;
+#[cfg(target_os = "linux")]
+pub mod slurm;
 pub mod synthetic;
 pub mod viewer;
 
