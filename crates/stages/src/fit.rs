@@ -217,8 +217,14 @@ const STRAY_SHARE: f64 = 0.15;
 /// See [`STRAY_SHARE`] \[mm\].
 const STRAY_MM: f64 = 10.0;
 
-/// Whether a refined strand can be passed on: most windows explain it, its edges kept their length, and it is where it was
-/// seen.
+/// A strand that shakes more than this many times as much as it was seen to is given up: its simulation ran away, as a rule in
+/// the windows at the take's ends. A simulation is to take shaking off; at 2, strands go that are only livelier than before.
+const SHAKE_RATIO: f64 = 3.0;
+/// Shaking \[mm a frame²\] that is told from none.
+const LEAST_SHAKE_MM: f64 = 0.2;
+
+/// Whether a refined strand can be passed on: most windows explain it, its edges kept their length, it is where it was seen,
+/// and it does not shake.
 fn is_believable(strand: &Refined, track: &Track, settings: &FitSettings) -> bool {
     let windows: usize = strand.windows.iter().sum();
     let particles = track.particle_count.max(1);
@@ -227,9 +233,18 @@ fn is_believable(strand: &Refined, track: &Track, settings: &FitSettings) -> boo
     let torn = lengths().filter(|length| !(least..=most).contains(length)).count();
     let seen = || (0..track.points.len()).filter(|&e| track.weights[e] > 0.0);
     let stray = seen().filter(|&e| strand.points[e].distance(track.points[e]) > STRAY_MM).count();
+    let shake = shake(&strand.points, particles) / shake(&strand.cleaned, particles).max(LEAST_SHAKE_MM);
     torn as f64 <= TORN_SHARE * lengths().count() as f64
+        && shake <= SHAKE_RATIO
         && stray as f64 <= STRAY_SHARE * seen().count() as f64
         && strand.windows[2] as f64 <= FAILED_SHARE * windows as f64
+}
+
+/// Root mean square second difference over the frames of the points of a strand.
+fn shake(points: &[DVec3], particles: usize) -> f64 {
+    let second = |e: usize| (points[e + 2 * particles] - 2.0 * points[e + particles] + points[e]).length_squared();
+    let count = points.len().saturating_sub(2 * particles);
+    ((0..count).map(second).sum::<f64>() / count.max(1) as f64).sqrt()
 }
 
 /// The strands of all frames with torn edges brought back to the range; what hangs on an edge moves with it.
@@ -345,7 +360,7 @@ mod tests {
         }
     }
     #[test]
-    fn a_strand_that_is_elsewhere_than_it_was_seen_is_given_up() {
+    fn a_strand_that_is_elsewhere_than_it_was_seen_or_runs_away_is_given_up() {
         let settings = FitSettings::default();
         let (frames, particles) = (20, 8);
         let point = |e: usize| DVec3::X * settings.edge_mm * (e % particles) as f64;
@@ -365,5 +380,13 @@ mod tests {
         assert!(is_believable(&strand, &seen(12, 0), &settings));
         assert!(is_believable(&strand, &seen(12, 1), &settings), "one frame astray costs no strand");
         assert!(!is_believable(&strand, &seen(9, 6), &settings));
+        // It swings aside and back: twice as far as it was made into is lively, ten times has run away.
+        let swung = |mm: f64| {
+            let aside = |e: usize| DVec3::Y * mm * (1.3 * (e / particles) as f64).sin();
+            (0..points.len()).map(|e| points[e] + aside(e)).collect::<Vec<_>>()
+        };
+        let moved = |mm: f64| Refined { points: swung(mm), cleaned: swung(0.8), ..strand.clone() };
+        assert!(is_believable(&moved(1.6), &seen(12, 0), &settings));
+        assert!(!is_believable(&moved(8.0), &seen(12, 0), &settings));
     }
 }
