@@ -217,10 +217,10 @@ const STRAY_SHARE: f64 = 0.15;
 /// See [`STRAY_SHARE`] \[mm\].
 const STRAY_MM: f64 = 10.0;
 
-/// A strand that shakes more than this many times as much as it was seen to is given up: its simulation ran away, as a rule in
-/// the windows at the take's ends. A simulation is to take shaking off; at 2, strands go that are only livelier than before.
+/// A strand that shakes more than this many times as much as where it was seen is given up: its simulation ran away, as a rule
+/// in the windows at the take's ends. A simulation is to take shaking off; at 2, strands go that are only livelier than before.
 const SHAKE_RATIO: f64 = 3.0;
-/// Shaking \[mm a frame²\] that is told from none.
+/// Less shaking \[mm a frame²\] than this is none.
 const LEAST_SHAKE_MM: f64 = 0.2;
 
 /// Whether a refined strand can be passed on: most windows explain it, its edges kept their length, it is where it was seen,
@@ -231,20 +231,27 @@ fn is_believable(strand: &Refined, track: &Track, settings: &FitSettings) -> boo
     let lengths = || strand.points.chunks(particles).flat_map(|f| f.windows(2).map(|p| p[0].distance(p[1])));
     let (least, most) = (EDGE_RANGE.0 * settings.edge_mm, EDGE_RANGE.1 * settings.edge_mm);
     let torn = lengths().filter(|length| !(least..=most).contains(length)).count();
-    let seen = || (0..track.points.len()).filter(|&e| track.weights[e] > 0.0);
+    let is_seen = |e: usize| track.weights[e] > 0.0;
+    let seen = || (0..track.points.len()).filter(|&e| is_seen(e));
     let stray = seen().filter(|&e| strand.points[e].distance(track.points[e]) > STRAY_MM).count();
-    let shake = shake(&strand.points, particles) / shake(&strand.cleaned, particles).max(LEAST_SHAKE_MM);
+    let (shake, seen_shake) = (shake(&strand.points, particles, |_| true), shake(&track.points, particles, is_seen));
     torn as f64 <= TORN_SHARE * lengths().count() as f64
-        && shake <= SHAKE_RATIO
+        && seen_shake.is_none_or(|seen| shake.unwrap_or(0.0) <= SHAKE_RATIO * seen.max(LEAST_SHAKE_MM))
         && stray as f64 <= STRAY_SHARE * seen().count() as f64
         && strand.windows[2] as f64 <= FAILED_SHARE * windows as f64
 }
 
-/// Root mean square second difference over the frames of the points of a strand.
-fn shake(points: &[DVec3], particles: usize) -> f64 {
-    let second = |e: usize| (points[e + 2 * particles] - 2.0 * points[e + particles] + points[e]).length_squared();
-    let count = points.len().saturating_sub(2 * particles);
-    ((0..count).map(second).sum::<f64>() / count.max(1) as f64).sqrt()
+/// Root mean square second difference over the frames of a strand's points, of those that count in three frames in a row;
+/// `None` where there are none.
+fn shake(points: &[DVec3], particles: usize, counts: impl Fn(usize) -> bool) -> Option<f64> {
+    let (mut sum, mut count) = (0.0, 0);
+    for [a, b, c] in (0..points.len().saturating_sub(2 * particles)).map(|e| [e, e + particles, e + 2 * particles]) {
+        if counts(a) && counts(b) && counts(c) {
+            sum += (points[c] - 2.0 * points[b] + points[a]).length_squared();
+            count += 1;
+        }
+    }
+    (count > 0).then(|| (sum / f64::from(count)).sqrt())
 }
 
 /// The strands of all frames with torn edges brought back to the range; what hangs on an edge moves with it.
@@ -380,13 +387,14 @@ mod tests {
         assert!(is_believable(&strand, &seen(12, 0), &settings));
         assert!(is_believable(&strand, &seen(12, 1), &settings), "one frame astray costs no strand");
         assert!(!is_believable(&strand, &seen(9, 6), &settings));
-        // It swings aside and back: twice as far as it was made into is lively, ten times has run away.
+        // It swings aside and back by 0.8 mm: twice as far as that is lively, ten times has run away.
         let swung = |mm: f64| {
             let aside = |e: usize| DVec3::Y * mm * (1.3 * (e / particles) as f64).sin();
             (0..points.len()).map(|e| points[e] + aside(e)).collect::<Vec<_>>()
         };
-        let moved = |mm: f64| Refined { points: swung(mm), cleaned: swung(0.8), ..strand.clone() };
-        assert!(is_believable(&moved(1.6), &seen(12, 0), &settings));
-        assert!(!is_believable(&moved(8.0), &seen(12, 0), &settings));
+        let moved = |mm: f64| Refined { points: swung(mm), ..strand.clone() };
+        let track = Track { points: swung(0.8), ..seen(12, 0) };
+        assert!(is_believable(&moved(1.6), &track, &settings));
+        assert!(!is_believable(&moved(8.0), &track, &settings));
     }
 }
