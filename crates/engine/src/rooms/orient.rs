@@ -50,14 +50,12 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, _: &mut Report) -> Re
 }
 
 /// The frames before and after one that it is averaged with, nearest first: as many as the settings say, up to the first that
-/// has no map.
+/// never will have a map.
 fn around(job: &Job, view: usize, frame: usize) -> Result<(Vec<usize>, Vec<usize>), EngineError> {
-    let seen = |t: usize| -> Result<Option<usize>, EngineError> {
-        Ok(job.take.store().finished(&Item::ViewFrame(view, t).key(frames::PHASE))?.map(|_| t))
-    };
     let (start, end, reach) = (job.plan.frames.start, job.plan.frames.end, reach(job));
-    let before = (start.max(frame.saturating_sub(reach))..frame).rev().map_while(|t| seen(t).transpose());
-    let after = (frame + 1..end.min(frame + 1 + reach)).map_while(|t| seen(t).transpose());
+    let there = |t: usize| neighbour(job, frames::PHASE, view, t).transpose();
+    let before = (start.max(frame.saturating_sub(reach))..frame).rev().map_while(there);
+    let after = (frame + 1..end.min(frame + 1 + reach)).map_while(there);
     Ok((before.collect::<Result<_, _>>()?, after.collect::<Result<_, _>>()?))
 }
 
@@ -74,6 +72,27 @@ fn write_map(
     images::write_image(job, out, (angle, scale), at, &steps)?;
     let trust = map.confidence.map(|&c| (c.clamp(0.0, 1.0) * 255.0).round() as u8);
     images::write_image(job, out, (confidence, scale), at, &trust)
+}
+
+/// A frame whose item of a phase is finished. `None` where the input of the view is to blame that it is not: one bad image must
+/// not cost its neighbours.
+///
+/// # Errors
+/// `Missing` where it is still to come: what went on without it would have to be done again.
+fn neighbour(job: &Job, phase: &str, view: usize, frame: usize) -> Result<Option<usize>, EngineError> {
+    let store = job.take.store();
+    let item = Item::ViewFrame(view, frame).key(phase);
+    if store.finished(&item)?.is_some() {
+        return Ok(Some(frame));
+    }
+    let is_to_blame = |phase: &str, t: usize| {
+        store.failure(&Item::ViewFrame(view, t).key(phase)).is_some_and(|failure| failure.input)
+    };
+    let frames = job.plan.lead.start..job.plan.frames.end;
+    match ["masks/masks", frames::PHASE].iter().any(|phase| frames.clone().any(|t| is_to_blame(phase, t))) {
+        true => Ok(None),
+        false => Err(EngineError::Missing { item }),
+    }
 }
 
 /// How many frames to either side a frame is averaged with.
@@ -97,7 +116,7 @@ pub mod frames {
             images::{self, FULL},
             of_stage, view_frame_of,
         },
-        reach, write_map,
+        neighbour, reach, write_map,
     };
     use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
 
@@ -117,8 +136,7 @@ pub mod frames {
         if reach(job) == 0 || frame == job.plan.frames.start {
             return Ok(None);
         }
-        let masks = Item::ViewFrame(view, frame - 1).key("masks/masks");
-        Ok(job.take.store().finished(&masks)?.map(|_| frame - 1))
+        neighbour(job, "masks/masks", view, frame - 1)
     }
 
     pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), EngineError> {
