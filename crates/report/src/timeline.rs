@@ -24,7 +24,7 @@ pub struct Timeline {
 const WIDTH: f64 = 360.0;
 const ROW: f64 = 18.0;
 /// Room for the names of rows: the longest has fifteen letters.
-const LEFT: f64 = 106.0;
+const LEFT: f64 = 114.0;
 const RIGHT: f64 = 14.0;
 const BOTTOM: f64 = 38.0;
 /// Places of higher numbers begin with the first tone again: more cannot be told apart.
