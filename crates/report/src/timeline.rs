@@ -113,7 +113,7 @@ mod tests {
         let axis = Axis::exact("seconds", 0.0, 100.0);
         let svg = Timeline::new(axis, "two nodes", rows, vec!["n1".into(), "n2".into()]).figure("when").into_text();
         assert!(svg.contains("&lt;a&gt;") && !svg.contains("<a>"), "{svg}");
-        assert!(svg.contains(r#"class="fill blue" x="106.0" y="3.0" width="120.0" height="7.0""#), "{svg}");
-        assert!(svg.contains(r#"class="fill orange" x="226.0" y="10.0" width="120.0" height="7.0""#), "{svg}");
+        assert!(svg.contains(r#"class="fill blue" x="114.0" y="3.0" width="116.0" height="7.0""#), "{svg}");
+        assert!(svg.contains(r#"class="fill orange" x="230.0" y="10.0" width="116.0" height="7.0""#), "{svg}");
     }
 }
