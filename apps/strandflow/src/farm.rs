@@ -15,6 +15,7 @@ use strandflow_engine::{
     },
     run::prepare_from,
     status::{Look, State, states},
+    take::TASK_OUTPUT,
 };
 
 use crate::{
@@ -179,7 +180,7 @@ impl Farm<'_> {
         }
         let hint = format!(
             "`strandflow status` says what; output of tasks is in {}",
-            self.take.root().join("farm/output").display()
+            self.take.root().join(TASK_OUTPUT).display()
         );
         match first {
             Some(failure) => Err(Failed {

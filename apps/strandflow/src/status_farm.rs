@@ -3,8 +3,6 @@
 use std::{
     collections::{BTreeMap, BTreeSet},
     fmt,
-    fs::File,
-    io::{BufRead, BufReader},
 };
 
 use serde::Serialize;
@@ -16,8 +14,9 @@ use strandflow_engine::{
         script::name_of,
         slurm::{QueuedTask, queue},
     },
-    run::logs,
+    run::log_lines,
     status::{PhaseStates, State},
+    take::TASK_OUTPUT,
 };
 
 /// The tasks of one phase.
@@ -55,17 +54,12 @@ impl fmt::Display for Tasks {
 
 /// Tasks by phase; phases without are left out. Nothing where nothing was submitted.
 pub fn tasks_of(take: &Take, states: &[PhaseStates]) -> BTreeMap<&'static str, Tasks> {
-    let ledger = Ledger::of_take(take.root()).unwrap_or_default();
+    let told = |error| eprintln!("warning: the queue is not known: {error}");
+    let ledger = Ledger::of_take(take.root()).map_err(told).unwrap_or_default();
     if ledger.jobs.is_empty() {
         return BTreeMap::new();
     }
-    let queued = match queue(&ledger) {
-        Ok(queued) => Some(queued),
-        Err(error) => {
-            eprintln!("warning: the queue is not known: {error}");
-            None
-        }
-    };
+    let queued = queue(&ledger).map_err(told).ok();
     let failed = failed_on(take);
     let of_phase = |phase: &PhaseStates| {
         let job = ledger.jobs.iter().rfind(|job| job.phases.iter().any(|name| name == phase.phase))?;
@@ -98,7 +92,7 @@ fn of_job(job: &Submitted, phase: &PhaseStates, queued: &[QueuedTask]) -> Tasks 
     };
     let ended = job.tasks.iter().filter(|task| !there.contains(task)).filter(undone);
     let output = |task: &usize| {
-        format!("farm/output/{}.{}.{task}.txt", name_of(job.phases.first().map_or("", String::as_str)), job.job)
+        format!("{TASK_OUTPUT}/{}.{}.{task}.txt", name_of(job.phases.first().map_or("", String::as_str)), job.job)
     };
     tasks.ended = ended.map(output).collect();
     tasks
@@ -107,15 +101,12 @@ fn of_job(job: &Submitted, phase: &PhaseStates, queued: &[QueuedTask]) -> Tasks 
 /// Where items failed last, by phase.
 fn failed_on(take: &Take) -> BTreeMap<String, BTreeMap<String, usize>> {
     let mut last: BTreeMap<(String, String), (f64, bool, String)> = BTreeMap::new();
-    for log in logs(take.root()).into_iter().filter_map(|log| File::open(log).ok()) {
-        for line in BufReader::new(log).lines().map_while(Result::ok) {
-            let Ok(event) = serde_json::from_str::<Value>(&line) else { continue };
-            let text = |field: &str| event[field].as_str().unwrap_or_default().to_owned();
-            let (time, node) = (event["unix_secs"].as_f64().unwrap_or(0.0), text("node"));
-            let newest = last.entry((text("phase"), text("item"))).or_insert((f64::NEG_INFINITY, false, String::new()));
-            if event["event"] == "item" && time >= newest.0 {
-                *newest = (time, event["outcome"] == "failed", node);
-            }
+    for event in log_lines(take.root()).filter_map(|line| serde_json::from_str::<Value>(&line).ok()) {
+        let text = |field: &str| event[field].as_str().unwrap_or_default().to_owned();
+        let (time, node) = (event["unix_secs"].as_f64().unwrap_or(0.0), text("node"));
+        let newest = last.entry((text("phase"), text("item"))).or_insert((f64::NEG_INFINITY, false, String::new()));
+        if event["event"] == "item" && time >= newest.0 {
+            *newest = (time, event["outcome"] == "failed", node);
         }
     }
     let mut counts: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();

@@ -26,7 +26,7 @@ mod settle;
 mod summary;
 
 use log::Log;
-pub use log::logs;
+pub use log::log_lines;
 pub use summary::{PhaseSummary, Summary};
 
 /// Which phases to run, and how wide.

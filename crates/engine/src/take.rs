@@ -19,6 +19,8 @@ pub const RUN_LOG: &str = "run.log";
 pub const FARM: &str = "farm";
 /// Folder within a take of the logs that tasks of a farm write instead, one a node.
 pub const TASK_LOGS: &str = "farm/logs";
+/// Folder within a take of what those tasks say.
+pub const TASK_OUTPUT: &str = "farm/output";
 /// Name of the resolved plan within a take.
 pub const RESOLVED: &str = "resolved.toml";
 

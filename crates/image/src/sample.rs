@@ -5,29 +5,49 @@ use strandflow_core::Plane;
 /// Bilinear sample at an image point \[px\].
 #[inline]
 pub fn bilinear(plane: &Plane<f32>, u: f32, v: f32) -> f32 {
-    let (x, y) = ((u - 0.5).clamp(0.0, (plane.width - 1) as f32), (v - 0.5).clamp(0.0, (plane.height - 1) as f32));
-    let (x0, y0) = (x as usize, y as usize);
-    let (x1, y1) = ((x0 + 1).min(plane.width - 1), (y0 + 1).min(plane.height - 1));
-    let (fx, fy) = (x - x0 as f32, y - y0 as f32);
-    let (a, b) = (&plane.data[y0 * plane.width..][..plane.width], &plane.data[y1 * plane.width..][..plane.width]);
-    let top = a[x0] + fx * (a[x1] - a[x0]);
-    let bottom = b[x0] + fx * (b[x1] - b[x0]);
-    top + fy * (bottom - top)
+    let Corners { rows: [a, b], columns: [x0, x1], share } = Corners::around(plane, u, v);
+    share.of([a[x0], a[x1], b[x0], b[x1]])
 }
 
 /// [`bilinear`] of several values a pixel at once.
 #[inline]
 pub fn bilinear_of<const N: usize>(plane: &Plane<[f32; N]>, u: f32, v: f32) -> [f32; N] {
-    let (x, y) = ((u - 0.5).clamp(0.0, (plane.width - 1) as f32), (v - 0.5).clamp(0.0, (plane.height - 1) as f32));
-    let (x0, y0) = (x as usize, y as usize);
-    let (x1, y1) = ((x0 + 1).min(plane.width - 1), (y0 + 1).min(plane.height - 1));
-    let (fx, fy) = (x - x0 as f32, y - y0 as f32);
-    let (a, b) = (plane.row(y0), plane.row(y1));
-    std::array::from_fn(|k| {
-        let top = a[x0][k] + fx * (a[x1][k] - a[x0][k]);
-        let bottom = b[x0][k] + fx * (b[x1][k] - b[x0][k]);
-        top + fy * (bottom - top)
-    })
+    let Corners { rows: [a, b], columns: [x0, x1], share } = Corners::around(plane, u, v);
+    std::array::from_fn(|k| share.of([a[x0][k], a[x1][k], b[x0][k], b[x1][k]]))
+}
+
+/// The four pixels around an image point.
+struct Corners<'a, T> {
+    rows: [&'a [T]; 2],
+    columns: [usize; 2],
+    share: Share,
+}
+
+impl<'a, T> Corners<'a, T> {
+    #[inline]
+    fn around(plane: &'a Plane<T>, u: f32, v: f32) -> Self {
+        let (x, y) = ((u - 0.5).clamp(0.0, (plane.width - 1) as f32), (v - 0.5).clamp(0.0, (plane.height - 1) as f32));
+        let (x0, y0) = (x as usize, y as usize);
+        let (x1, y1) = ((x0 + 1).min(plane.width - 1), (y0 + 1).min(plane.height - 1));
+        let share = Share { x: x - x0 as f32, y: y - y0 as f32 };
+        Self { rows: [plane.row(y0), plane.row(y1)], columns: [x0, x1], share }
+    }
+}
+
+/// How far a point lies on the way from the first corner to the last.
+struct Share {
+    x: f32,
+    y: f32,
+}
+
+impl Share {
+    /// Top left, top right, bottom left, bottom right.
+    #[inline]
+    fn of(&self, corners: [f32; 4]) -> f32 {
+        let top = corners[0] + self.x * (corners[1] - corners[0]);
+        let bottom = corners[2] + self.x * (corners[3] - corners[2]);
+        top + self.y * (bottom - top)
+    }
 }
 
 /// Catmull–Rom bicubic sample at an image point \[px\].

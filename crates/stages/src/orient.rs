@@ -301,6 +301,12 @@ fn supported(mut pooled: OrientationEnergy, sigma: f32) -> OrientationEnergy {
     pooled
 }
 
+/// The angle in [0, π) of a doubled-angle vector \[rad\].
+fn angle_of(cos2: f32, sin2: f32) -> f32 {
+    let angle = (0.5 * sin2.atan2(cos2)).rem_euclid(std::f32::consts::PI);
+    if angle >= std::f32::consts::PI { 0.0 } else { angle }
+}
+
 /// Angle in [0, π) and confidence: the share of the energy that agrees on the angle.
 fn read_out(pooled: &OrientationEnergy, inside: &Plane<bool>) -> (Plane<f32>, Plane<f32>) {
     let at = |i: usize| {
@@ -308,9 +314,7 @@ fn read_out(pooled: &OrientationEnergy, inside: &Plane<bool>) -> (Plane<f32>, Pl
             return (0.0, 0.0);
         }
         let (c, s, total) = (pooled.cos2.data[i], pooled.sin2.data[i], pooled.total.data[i]);
-        let angle = (0.5 * s.atan2(c)).rem_euclid(std::f32::consts::PI);
-        let angle = if angle >= std::f32::consts::PI { 0.0 } else { angle };
-        (angle, if total > 0.0 { (c.hypot(s) / total).min(1.0) } else { 0.0 })
+        (angle_of(c, s), if total > 0.0 { (c.hypot(s) / total).min(1.0) } else { 0.0 })
     };
     let (angle, confidence) = (0..inside.data.len()).map(at).unzip();
     let plane = |data| Plane { width: inside.width, height: inside.height, data };

@@ -17,6 +17,12 @@ pub enum Engine {
     Script,
 }
 
+/// Shorter tasks would spend a good part of their time on being started.
+const TASK_SECS: f64 = 30.0;
+/// Slurm takes arrays of up to 1001 tasks where nothing else is configured.
+const MAX_TASKS: u32 = 1000;
+const RETRIES: u32 = 2;
+
 /// Part of `strandflow run`.
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Many machines (docs/farm.md)")]
@@ -34,16 +40,16 @@ pub struct FarmArgs {
     #[arg(long, conflicts_with = "dry_run")]
     pub cancel: bool,
     /// Seconds that a task lasts at least, where there is so much to do.
-    #[arg(long, value_name = "SECS", default_value_t = 30.0, value_parser = positive)]
+    #[arg(long, value_name = "SECS", default_value_t = TASK_SECS, value_parser = positive)]
     pub task_secs: f64,
     /// The most tasks of one phase.
-    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = MAX_TASKS, value_parser = clap::value_parser!(u32).range(1..))]
     pub max_tasks: u32,
     /// The most tasks of one phase that run at once.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub throttle: Option<u32>,
     /// How often a failed task is tried again.
-    #[arg(long, value_name = "N", default_value_t = 2)]
+    #[arg(long, value_name = "N", default_value_t = RETRIES)]
     pub retries: u32,
     /// Partition.
     #[arg(long, value_name = "NAME")]
@@ -82,10 +88,10 @@ impl Default for FarmArgs {
             dry_run: false,
             wait: false,
             cancel: false,
-            task_secs: 30.0,
-            max_tasks: 1000,
+            task_secs: TASK_SECS,
+            max_tasks: MAX_TASKS,
             throttle: None,
-            retries: 2,
+            retries: RETRIES,
             partition: None,
             account: None,
             time: None,

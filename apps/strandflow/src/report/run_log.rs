@@ -2,13 +2,11 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fs::File,
-    io::{BufRead, BufReader},
     path::Path,
 };
 
 use serde_json::Value;
-use strandflow_engine::{run::logs, table::phases};
+use strandflow_engine::{run::log_lines, table::phases};
 
 /// Time and memory of a phase.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -41,8 +39,7 @@ pub struct Span {
 /// Reads the logs, the phases in the order of the stages. Of an item that was computed again the last time counts. A log
 /// that is not there is empty; a line that a killed run left half written is passed over.
 pub fn read(take: &Path) -> Vec<PhaseTime> {
-    let files = logs(take).into_iter().filter_map(|log| File::open(log).ok());
-    of_lines(files.flat_map(|file| BufReader::new(file).lines().map_while(Result::ok)))
+    of_lines(log_lines(take))
 }
 
 fn of_lines(lines: impl Iterator<Item = String>) -> Vec<PhaseTime> {

@@ -8,14 +8,7 @@ use strandflow_engine::{
     table::{Job, item_of, phases},
 };
 
-use crate::common::{assert_bad_input, bytes_below, stderr, strandflow, synthetic, take, text};
-
-/// Asserts that two takes have the same results.
-pub fn assert_same(wanted: &Path, found: &Path) {
-    let (wanted, found) = (bytes_below(&wanted.join("results.zarr")), bytes_below(&found.join("results.zarr")));
-    let differing: Vec<_> = wanted.keys().chain(found.keys()).filter(|k| wanted.get(*k) != found.get(*k)).collect();
-    assert!(differing.is_empty(), "{differing:?}");
-}
+use crate::common::{assert_bad_input, assert_same, stderr, strandflow, synthetic, take, text};
 
 /// What tasks wait for follows from the table; what items read follows from their rooms. They must not disagree. And tasks
 /// side by side, phase by phase, end with the bytes of one run.

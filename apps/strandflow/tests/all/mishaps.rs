@@ -12,10 +12,7 @@ use std::{
 
 use serde_json::Value;
 
-use crate::{
-    common::{bytes_below, stderr, strandflow, synthetic, text},
-    farm::assert_same,
-};
+use crate::common::{assert_same, bytes_below, stderr, strandflow, synthetic, text};
 
 /// A capture, a take of it that was run undisturbed, and how long that took.
 struct Undisturbed {

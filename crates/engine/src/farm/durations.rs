@@ -1,15 +1,10 @@
 //! How long work items take: as the take's logs have it, else as on a take that was measured.
 
-use std::{
-    collections::HashMap,
-    fs::File,
-    io::{BufRead, BufReader},
-    path::Path,
-};
+use std::{collections::HashMap, path::Path};
 
 use serde::Deserialize;
 
-use crate::{item::Kind, run::logs, table::Phase};
+use crate::{item::Kind, run::log_lines, table::Phase};
 
 /// Seconds an item took on one core: `docs/farm.md` has the take and the command. A block is counted for each of its frames.
 /// Footage is larger as a rule, and tasks then last longer than they need to until its own items have been timed.
@@ -49,8 +44,7 @@ struct Line {
 impl Durations {
     /// From all logs of a take; other lines, and such as a killed run left half written, are passed over.
     pub fn of_take(root: &Path) -> Self {
-        let lines = logs(root).into_iter().filter_map(|log| File::open(log).ok());
-        Self::of_lines(lines.flat_map(|file| BufReader::new(file).lines().map_while(Result::ok)))
+        Self::of_lines(log_lines(root))
     }
 
     fn of_lines(lines: impl Iterator<Item = String>) -> Self {

@@ -8,7 +8,7 @@ use crate::{
         Array, Ledger, Submitted, Work,
         script::{name_of, quoted},
     },
-    take::FARM,
+    take::{FARM, TASK_OUTPUT},
 };
 
 /// What is asked of Slurm beside the work.
@@ -43,7 +43,7 @@ pub fn submission(array: &Array, work: &Work, options: &SlurmOptions, job_of: im
     arguments.push(format!("--job-name=strandflow.{name}"));
     // Names of output files may hold patterns, names of folders may not: so they are relative to the take.
     arguments.push(format!("--chdir={}", work.take));
-    arguments.push(format!("--output={FARM}/output/{name}.%A.%a.txt"));
+    arguments.push(format!("--output={TASK_OUTPUT}/{name}.%A.%a.txt"));
     arguments.push(format!("--array={}", numbers(&array.tasks, options.throttle)));
     arguments.push(format!("--cpus-per-task={}", options.processors));
     let waits: Vec<String> = array
@@ -98,7 +98,7 @@ fn numbers(tasks: &[usize], throttle: Option<usize>) -> String {
 /// `Input` where Slurm refuses, or is not there; `Disk` where scripts cannot be written.
 pub fn submit(take: &Take, arrays: &[Array], work: &Work, options: &SlurmOptions) -> Result<Ledger, EngineError> {
     let folder = take.root().join(FARM);
-    let output = folder.join("output");
+    let output = take.root().join(TASK_OUTPUT);
     std::fs::create_dir_all(&output).map_err(|error| EngineError::disk(&output, error))?;
     let mut ledger = Ledger::default();
     let mut jobs: BTreeMap<&str, u64> = BTreeMap::new();

@@ -2,17 +2,14 @@
 //!
 //! `{{NAME}}` stands for a name or a number, `{{NAME:FORM}}` for a value that may hold any character, written in the form that
 //! its place needs. What stands between `{{#arrays}}` and `{{/arrays}}` is repeated for each array; within it, `after` for each
-//! array that it waits for, `words` for each word of the command without the items, and `arguments` for each but the program. The newline behind one of these is no
-//! part of the text. `docs/farm.md` lists values and forms.
+//! array that it waits for, `words` for each word of the command without the items, and `arguments` for each but the program. The newline
+//! behind one of these is no part of the text. `docs/farm.md` lists values and forms.
 
 use std::collections::BTreeMap;
 
 use crate::{
     EngineError,
-    farm::{
-        Array, Work,
-        script::{name_of, quoted},
-    },
+    farm::{Array, Work, script::quoted},
 };
 
 /// The templates that come with the program: name, text.
@@ -75,7 +72,7 @@ fn of_array(array: &Array, work: &Work) -> Scope {
 
 /// The phase as a name that every scheduler takes: small letters, digits, hyphens.
 fn job_name(phase: &str) -> String {
-    format!("strandflow-{}", name_of(phase).replace('.', "-"))
+    format!("strandflow-{}", phase.replace('/', "-"))
 }
 
 /// Fills places from left to right; what a value holds is never looked at again.

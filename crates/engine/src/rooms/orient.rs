@@ -21,17 +21,14 @@ pub(crate) fn prepare(job: &Job) -> Result<(), EngineError> {
 
 pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), EngineError> {
     let (view, frame) = view_frame_of(item)?;
-    needs.item(&item.key(frames::PHASE), &frames::MAP)?;
+    let own = item.key(frames::PHASE);
     let (before, after) = around(job, view, frame)?;
     if before.is_empty() && after.is_empty() {
-        return Ok(());
+        return needs.item(&own, &frames::MAP);
     }
-    needs.item(&item.key(frames::PHASE), &frames::BACK)?;
-    before.into_iter().chain(after).try_for_each(|t| {
-        let key = Item::ViewFrame(view, t).key(frames::PHASE);
-        needs.item(&key, &frames::HALF)?;
-        needs.item(&key, &frames::BACK)
-    })
+    needs.item(&own, &[frames::MAP, frames::BACK].concat())?;
+    let seen = [frames::HALF, frames::BACK].concat();
+    before.into_iter().chain(after).try_for_each(|t| needs.item(&Item::ViewFrame(view, t).key(frames::PHASE), &seen))
 }
 
 pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, _: &mut Report) -> Result<(), EngineError> {
@@ -88,11 +85,11 @@ fn neighbour(job: &Job, phase: &str, view: usize, frame: usize) -> Result<Option
     let is_to_blame = |phase: &str, t: usize| {
         store.failure(&Item::ViewFrame(view, t).key(phase)).is_some_and(|failure| failure.input)
     };
-    let frames = job.plan.lead.start..job.plan.frames.end;
-    match ["masks/masks", frames::PHASE].iter().any(|phase| frames.clone().any(|t| is_to_blame(phase, t))) {
-        true => Ok(None),
-        false => Err(EngineError::Missing { item }),
+    let mut frames = job.plan.lead.start..job.plan.frames.end;
+    if frames.any(|t| is_to_blame("masks/masks", t) || is_to_blame(frames::PHASE, t)) {
+        return Ok(None);
     }
+    Err(EngineError::Missing { item })
 }
 
 /// How many frames to either side a frame is averaged with.

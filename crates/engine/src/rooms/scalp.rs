@@ -44,12 +44,11 @@ fn still_frames(job: &Job) -> Result<Vec<usize>, EngineError> {
         .take_while(|pose| pose.angle() < STILL_RAD && pose.point(centre).distance(centre) < STILL_MM)
         .count()
         .max(1);
-    let mut frames = Vec::new();
-    for frame in (0..still).map(|i| job.plan.lead.start + i) {
-        let hull = job.take.store().finished(&Item::Frame(frame).key("hull/hull"))?;
-        frames.extend(hull.map(|_| frame));
-    }
-    let still = frames;
+    let with_hull = |frame: usize| -> Result<Option<usize>, EngineError> {
+        Ok(job.take.store().finished(&Item::Frame(frame).key("hull/hull"))?.map(|_| frame))
+    };
+    let frames = (0..still).map(|i| job.plan.lead.start + i);
+    let still: Vec<usize> = frames.filter_map(|frame| with_hull(frame).transpose()).collect::<Result<_, _>>()?;
     let used = still.len().min(STILL_FRAMES);
     let spread = |i: usize| if used == 1 { 0 } else { i * (still.len() - 1) / (used - 1) };
     Ok((0..used).map(|i| still[spread(i)]).collect())

@@ -2,7 +2,7 @@
 
 use std::{
     fs::{File, OpenOptions},
-    io::Write,
+    io::{BufRead, BufReader, Write},
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
     time::{SystemTime, UNIX_EPOCH},
@@ -45,8 +45,14 @@ pub(crate) fn unix_secs() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64())
 }
 
+/// The lines of all logs of a take, log by log; the last of a killed run may be half a line.
+pub fn log_lines(take: &Path) -> impl Iterator<Item = String> {
+    let files = logs(take).into_iter().filter_map(|log| File::open(log).ok());
+    files.flat_map(|file| BufReader::new(file).lines().map_while(Result::ok))
+}
+
 /// All logs of a take, as far as there are any.
-pub fn logs(take: &Path) -> Vec<PathBuf> {
+fn logs(take: &Path) -> Vec<PathBuf> {
     let of_tasks = std::fs::read_dir(take.join(TASK_LOGS)).into_iter().flatten().flatten().map(|entry| entry.path());
     let mut logs: Vec<PathBuf> = of_tasks.filter(|path| path.extension().is_some_and(|e| e == "log")).collect();
     logs.sort();

@@ -127,27 +127,20 @@ impl Runner<'_> {
         key: &str,
         inputs: &Inputs,
     ) -> Result<Record, EngineError> {
+        let attempt = || {
+            let mut report = Report::default();
+            let mut writer = Writer::new(self.job.take.store());
+            let mut run = || self.pool.install(|| (phase.run)(&self.job, item, &mut writer, &mut report));
+            catch_unwind(AssertUnwindSafe(&mut run))
+                .unwrap_or_else(|panic| Err(panicked(stage.name, panic.as_ref())))?;
+            writer.finish(key, inputs.hashes.clone(), report.findings)
+        };
         let before = self.mended.load(Ordering::Relaxed);
-        let made = self.attempt(stage, phase, item, key, inputs);
+        let made = attempt();
         if matches!(made, Err(EngineError::Store { .. })) && self.mend(&inputs.items, before) {
-            return self.attempt(stage, phase, item, key, inputs);
+            return attempt();
         }
         made
-    }
-
-    fn attempt(
-        &self,
-        stage: &Stage,
-        phase: &Phase,
-        item: Item,
-        key: &str,
-        inputs: &Inputs,
-    ) -> Result<Record, EngineError> {
-        let mut report = Report::default();
-        let mut writer = Writer::new(self.job.take.store());
-        catch_unwind(AssertUnwindSafe(|| self.pool.install(|| (phase.run)(&self.job, item, &mut writer, &mut report))))
-            .unwrap_or_else(|panic| Err(panicked(stage.name, panic.as_ref())))?;
-        writer.finish(key, inputs.hashes.clone(), report.findings)
     }
 
     /// Makes those finished items again whose files are not as they were written; whether there were any, or another thread has

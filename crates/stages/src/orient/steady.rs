@@ -9,7 +9,7 @@ use strandflow_core::{Mask, Plane, RgbImage};
 pub use strandflow_image::flow::Flow;
 use strandflow_image::{flow::coarse_flow, region::Region, sample::bilinear_of};
 
-use super::OrientationMap;
+use super::{OrientationMap, angle_of};
 
 /// Halvings between an image and its flow: orientations are pooled over more pixels than a flow of this size errs by.
 const FLOW_HALVINGS: usize = 2;
@@ -110,9 +110,7 @@ fn read([cos2, sin2, count]: Votes) -> (f32, f32) {
     if count <= 0.0 {
         return (0.0, 0.0);
     }
-    let angle = (0.5 * sin2.atan2(cos2)).rem_euclid(std::f32::consts::PI);
-    let angle = if angle >= std::f32::consts::PI { 0.0 } else { angle };
-    (angle, (cos2.hypot(sin2) / count).sqrt().min(1.0))
+    (angle_of(cos2, sin2), (cos2.hypot(sin2) / count).sqrt().min(1.0))
 }
 
 /// What other frames say about a region of this one, at half its resolution.

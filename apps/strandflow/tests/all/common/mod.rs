@@ -110,6 +110,13 @@ pub fn assert_bad_input(output: &Output, parts: &[&str]) {
     }
 }
 
+/// Asserts that two takes have the same results.
+pub fn assert_same(wanted: &Path, found: &Path) {
+    let (wanted, found) = (bytes_below(&wanted.join("results.zarr")), bytes_below(&found.join("results.zarr")));
+    let differing: Vec<_> = wanted.keys().chain(found.keys()).filter(|k| wanted.get(*k) != found.get(*k)).collect();
+    assert!(differing.is_empty(), "{differing:?}");
+}
+
 /// All files below a folder with their bytes.
 pub fn bytes_below(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     fn walk(at: &Path, root: &Path, found: &mut BTreeMap<PathBuf, Vec<u8>>) {
