@@ -303,7 +303,7 @@ fn broken_records_cost_their_items() {
     cut(&take.join("results.zarr/prune/points/zarr.json"), &mut Dice(5));
     let of_array: BTreeSet<String> = before.iter().filter(|key| key.starts_with("prune/")).cloned().collect();
     let made = whole.complete(&take, &all, &of_array, &[]);
-    tell("description of an array cut short", 1, made.len(), "its chunks are made again");
+    tell("description of an array cut short", 1, made.len(), "the chunks of that array's phase are made again");
 }
 
 /// Settings and a mask are changed between runs that are killed, and changed back.
@@ -345,7 +345,12 @@ fn two_runs_of_one_take_do_not_disturb_one_another() {
         let known = assert_true_status(&take);
         whole.complete(&take, &known, &BTreeSet::new(), &[]);
     }
-    tell("two processes on one take", 2, 0, "either may wait for nothing: what both make has the same bytes");
+    tell(
+        "two processes on one take",
+        2,
+        0,
+        "either may find that something is missing that the other is making; the next run completes",
+    );
 }
 
 /// A shell's limits: too few file handles, too little memory.
