@@ -63,6 +63,8 @@ pub struct SourceError {
     pub fact: String,
     /// What to do about it.
     pub hint: String,
+    /// Whether the system lacked something and the file is not to blame.
+    pub is_shortage: bool,
 }
 
 /// Where the images of a take come from. Implementations cache; callers ask for frames in rising order.

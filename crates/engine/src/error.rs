@@ -56,6 +56,14 @@ impl EngineError {
         Self::Input { subject: subject.into(), fact: fact.into(), hint: hint.into() }
     }
 
+    /// The same of an input, with more about which one.
+    pub fn about(mut self, more: &str) -> Self {
+        if let Self::Input { subject, .. } = &mut self {
+            *subject += &format!(", {more}");
+        }
+        self
+    }
+
     /// A refusal of the file system.
     pub fn disk(path: &Path, error: impl std::fmt::Display) -> Self {
         Self::Disk { path: path.to_owned(), fact: error.to_string() }
@@ -83,7 +91,11 @@ impl EngineError {
     pub fn is_input(&self) -> bool {
         match self {
             Self::Input { .. } => true,
-            Self::Stage { error, .. } => !matches!(**error, StageError::NonFinite { .. }),
+            Self::Stage { error, .. } => match &**error {
+                StageError::Input { .. } => true,
+                StageError::NonFinite { .. } => false,
+                StageError::Source(error) => !error.is_shortage,
+            },
             _ => false,
         }
     }
@@ -91,6 +103,9 @@ impl EngineError {
 
 impl From<SourceError> for EngineError {
     fn from(error: SourceError) -> Self {
+        if error.is_shortage {
+            return Self::disk(Path::new(&error.file), error.fact);
+        }
         Self::Input {
             subject: format!("view {}, frame {}", error.view, error.frame),
             fact: format!("{} ({})", error.fact, error.file),

@@ -57,6 +57,7 @@ impl ViewFiles {
             frame,
             fact: "the frame is missing".into(),
             hint: "copy the missing image into the folder, or give only frames that are there in the manifest".into(),
+            is_shortage: false,
         })
     }
 

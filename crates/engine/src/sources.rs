@@ -33,6 +33,9 @@ pub const MARKERS_NEEDED: usize = 5;
 
 impl From<IoError> for EngineError {
     fn from(error: IoError) -> Self {
+        if error.is_shortage() {
+            return Self::disk(error.file(), error.fact());
+        }
         Self::Input { subject: error.place(), fact: error.fact(), hint: error.hint() }
     }
 }
@@ -119,7 +122,7 @@ impl Sources {
     /// # Errors
     /// `Input` where it cannot be read or has another size than the camera.
     pub fn plate(&self, view: usize, rig: &Rig) -> Result<Arc<RgbImage>, EngineError> {
-        let image = strandflow_io::read_rgb(&self.plates[view]).map_err(|error| self.of_view(&error, view))?;
+        let image = strandflow_io::read_rgb(&self.plates[view]).map_err(|error| self.of_view(error, view))?;
         self.must_fit((image.width, image.height), &self.plates[view], view, rig)?;
         Ok(Arc::new(image))
     }
@@ -237,20 +240,15 @@ impl Sources {
         rig: &Rig,
     ) -> Result<Option<Mask>, EngineError> {
         let Some(file) = file else { return Ok(None) };
-        let in_frame = |error: EngineError| match error {
-            EngineError::Input { subject, fact, hint } => {
-                EngineError::Input { subject: format!("{subject}, frame {frame}"), fact, hint }
-            }
-            other => other,
-        };
-        let mask = strandflow_io::read_mask(&file).map_err(|error| in_frame(self.of_view(&error, view)))?;
+        let in_frame = |error: EngineError| error.about(&format!("frame {frame}"));
+        let mask = strandflow_io::read_mask(&file).map_err(|error| in_frame(self.of_view(error, view)))?;
         self.must_fit((mask.width, mask.height), &file, view, rig).map_err(in_frame)?;
         Ok(Some(mask))
     }
 
     /// The error of a view's file, with the view.
-    fn of_view(&self, error: &IoError, view: usize) -> EngineError {
-        EngineError::input(format!("{}, view {}", error.place(), self.names[view]), error.fact(), error.hint())
+    fn of_view(&self, error: IoError, view: usize) -> EngineError {
+        EngineError::from(error).about(&format!("view {}", self.names[view]))
     }
 
     fn must_fit(&self, (w, h): (usize, usize), file: &Path, view: usize, rig: &Rig) -> Result<(), EngineError> {

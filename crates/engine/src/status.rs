@@ -180,10 +180,10 @@ impl Looker<'_> {
 
     fn item(&self, stage: &Stage, phase: &Phase, item: Item) -> Result<Seen, EngineError> {
         let (store, key) = (self.job.take.store(), item.key(phase.name));
-        if let Some(failure) = store.failure(&key) {
-            return Ok(Seen::Settled(State::Failed(failure)));
-        }
-        let Some(record) = self.records.of(store, &key)? else { return Ok(Seen::Settled(State::Missing)) };
+        let Some(record) = self.records.of(store, &key)? else {
+            return Ok(Seen::Settled(store.failure(&key).map_or(State::Missing, State::Failed)));
+        };
+        // A failure beside a record: the last run could not look at the item. Its result is there all the same.
         if let Some(damage) = (self.look == Look::Files).then(|| store.damage(&key)).flatten() {
             return Ok(Seen::Settled(State::Stale(format!("damaged: {damage}"))));
         }

@@ -87,7 +87,22 @@ pub enum IoError {
     },
 }
 
+/// Whether the system lacked something of its own: no file handle (of the process, of the system) or no memory was left, or no
+/// process could be started. That says nothing of the file that was asked for, and passes.
+pub fn is_shortage(cause: &std::io::Error) -> bool {
+    /// POSIX: ENFILE, EMFILE.
+    const NO_HANDLE: [i32; 2] = [23, 24];
+    let code = cfg!(unix).then(|| cause.raw_os_error()).flatten();
+    matches!(cause.kind(), ErrorKind::OutOfMemory | ErrorKind::WouldBlock)
+        || code.is_some_and(|code| NO_HANDLE.contains(&code))
+}
+
 impl IoError {
+    /// Whether this says nothing of the file: [`is_shortage`].
+    pub fn is_shortage(&self) -> bool {
+        matches!(self, Self::System { cause, .. } if is_shortage(cause))
+    }
+
     /// What to do about it.
     pub fn hint(&self) -> String {
         match self {
@@ -95,6 +110,9 @@ impl IoError {
                 (ErrorKind::StorageFull | ErrorKind::QuotaExceeded, _) => "free some disk space and run again".into(),
                 (ErrorKind::FileTooLarge, _) => {
                     "the file system or a limit (`ulimit -f`) allows no larger file: write elsewhere, or less".into()
+                }
+                _ if is_shortage(cause) => {
+                    "raise the limits (`ulimit -n`, `ulimit -u`), or run with fewer threads".into()
                 }
                 (_, "write") => "give a path that you may write to, on a disk that is not full".into(),
                 (ErrorKind::NotFound, _) => "check the path in the take's manifest".into(),
@@ -182,5 +200,19 @@ pub(crate) fn not_json(file: &Path, text: &str, cause: &serde_json::Error, what:
             IoError::content(file, At::line(cause.line()), fact, "correct the number, or leave the entry out")
         }
         None => IoError::content(file, At::line(cause.line()), format!("is not {what}: {cause}"), hint),
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::io::Error;
+
+    use super::is_shortage;
+
+    #[test]
+    fn what_the_system_lacks_is_told_from_what_a_file_lacks() {
+        // ENOMEM, ENFILE, EMFILE; ENOENT, EIO, EACCES, ENOSPC.
+        assert!([12, 23, 24].map(Error::from_raw_os_error).iter().all(is_shortage));
+        assert!(![2, 5, 13, 28].map(Error::from_raw_os_error).iter().any(is_shortage));
     }
 }

@@ -29,7 +29,7 @@ pub mod whole_file;
 pub use alembic::write_alembic;
 pub use calibration::{Calibration, ReadOptions, read_calibration, read_calibration_with, rig_for_views};
 pub use cards::Cards;
-pub use error::{At, IoError};
+pub use error::{At, IoError, is_shortage};
 pub use groom::{Groom, read_groom};
 pub use guides::Guides;
 pub use image_file::{mask_png, read_mask, read_rgb, write_mask_png, write_rgb_png, write_rgba_png};

@@ -136,7 +136,7 @@ impl TakeSource {
         for (v, info) in infos.iter().enumerate() {
             let mut find = |frame: usize, fact: String, hint: &str| {
                 let (file, view) = (self.file(v), self.names[v].clone());
-                findings.push(SourceError { file, view, frame, fact, hint: hint.to_owned() });
+                findings.push(SourceError { file, view, frame, fact, hint: hint.to_owned(), is_shortage: false });
             };
             let camera = rig.view_named(&self.names[v]).map(|at| &rig.cameras[at]);
             match camera {
@@ -191,6 +191,7 @@ impl ImageSource for TakeSource {
                 frame,
                 fact: format!("there are {} views", self.views.len()),
                 hint: "run `strandflow status`; the manifest and the calibration name different views".into(),
+                is_shortage: false,
             }),
         }
     }
@@ -199,7 +200,14 @@ impl ImageSource for TakeSource {
 /// The located form of a file's error.
 pub(crate) fn located(error: &IoError, view: &str, frame: usize) -> SourceError {
     let file = error.file().display().to_string();
-    SourceError { file, view: view.to_owned(), frame, fact: error.fact(), hint: error.hint() }
+    SourceError {
+        file,
+        view: view.to_owned(),
+        frame,
+        fact: error.fact(),
+        hint: error.hint(),
+        is_shortage: error.is_shortage(),
+    }
 }
 
 #[cfg(test)]

@@ -137,7 +137,7 @@ mod on_slurm {
     use std::process::Stdio;
 
     use super::*;
-    use crate::common::slurm::{Slurm, kill, status, task_of};
+    use crate::common::slurm::{Slurm, kill, status};
 
     /// One take, through everything: no memory, a killed task, a dead node, cancelled jobs, a full resume.
     #[test]
@@ -178,10 +178,10 @@ mod on_slurm {
 
         // A task is killed, and a node: both are done again by themselves.
         let waiting = slurm_run(&["--wait"]).stderr(Stdio::piped()).spawn().unwrap();
-        kill(&[task_of(&far, |_, _| true).id]);
-        task_of(&far, |phase, node| node == "n2" && !phase.starts_with("masks"));
+        kill(&[slurm.task_of(&far, |_, _| true).id]);
+        slurm.task_of(&far, |phase, node| node == "n2" && !phase.starts_with("masks"));
         slurm.kill_node("n2");
-        task_of(&far, |_, node| node == "n1");
+        slurm.task_of(&far, |_, node| node == "n1");
         slurm.start_node("n2");
         let waited = waiting.wait_with_output().unwrap();
         assert!(waited.status.success(), "{}", stderr(&waited));

@@ -8,10 +8,6 @@ use super::{
 };
 use crate::{EngineError, disk};
 
-/// No file handle is left: of the system, of the process (POSIX).
-const ENFILE: i32 = 23;
-const EMFILE: i32 = 24;
-
 impl Store {
     /// Writes down the hashes of what an item wrote; before its record.
     pub(crate) fn write_sums(&self, item: &str, sums: &Sums) -> Result<(), EngineError> {
@@ -28,8 +24,7 @@ impl Store {
             match std::fs::read(self.root().join(file)) {
                 Ok(bytes) if sum(&bytes) == wanted => None,
                 Ok(_) => Some(format!("{file} is not as it was written")),
-                // That no file can be opened at all says nothing of this one.
-                Err(error) if matches!(error.raw_os_error(), Some(ENFILE | EMFILE)) => None,
+                Err(error) if strandflow_io::is_shortage(&error) => None,
                 Err(error) => Some(format!("{file} cannot be read: {error}")),
             }
         };

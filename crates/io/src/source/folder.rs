@@ -102,6 +102,7 @@ impl FolderSource {
             frame,
             fact: fact.to_owned(),
             hint: "copy the missing images into the folder, or run the frames around the gap (`--frames A..B`)".into(),
+            is_shortage: false,
         }
     }
 
@@ -128,6 +129,7 @@ impl FolderSource {
                     image.width, image.height, self.info.width, self.info.height
                 ),
                 hint: "export all images of a view in one size".into(),
+                is_shortage: false,
             });
         }
         let image = Arc::new(image);

@@ -62,6 +62,7 @@ impl VideoSource {
                 frame,
                 fact: format!("the video has {} frames", self.info.frame_count),
                 hint: "ask for fewer frames (`--frames A..B`) or give the whole clip".into(),
+                is_shortage: false,
             });
         }
         // A poisoned lock only means that another thread panicked between frames; the state is restarted.

@@ -60,6 +60,37 @@ impl Slurm {
         let started = Command::new("/usr/sbin/slurmd").arg("-f").arg(configuration).args(["-N", node]).status();
         assert!(started.unwrap().success());
     }
+
+    /// Waits for a task of a take that `wanted` takes by its phase and node.
+    pub fn task_of(&self, take: &Path, wanted: impl Fn(&str, &str) -> bool) -> Process {
+        let end = Instant::now() + Duration::from_secs(90);
+        let take = take.canonicalize().unwrap();
+        while Instant::now() < end {
+            let is_wanted = |process: &Process| {
+                let phase = process.words.iter().skip_while(|word| *word != "--from").nth(1);
+                process.words.get(2).is_some_and(|word| word == text(&take))
+                    && phase.is_some_and(|p| wanted(p, &process.node))
+            };
+            if let Some(task) = processes().into_iter().find(is_wanted) {
+                return task;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        panic!("no such task came: {}", self.tell());
+    }
+
+    /// Nodes, jobs and the end of the log, for a test that failed.
+    fn tell(&self) -> String {
+        let said = |program: &str, args: &[&str]| {
+            let out =
+                Command::new(program).args(args).env("SLURM_CONF", self.folder.join("slurm.conf")).output().unwrap();
+            format!("\n{program} {}:\n{}", args.join(" "), String::from_utf8_lossy(&out.stdout))
+        };
+        let log = std::fs::read_to_string(self.folder.join("log/slurmctld.log")).unwrap_or_default();
+        let lines: Vec<&str> = log.lines().collect();
+        let end = lines[lines.len().saturating_sub(60)..].join("\n");
+        said("sinfo", &["--Node", "--long"]) + &said("squeue", &["--long", "--array"]) + &format!("\nlog:\n{end}")
+    }
 }
 
 impl Drop for Slurm {
@@ -109,24 +140,6 @@ pub fn processes() -> Vec<Process> {
     let ids =
         std::fs::read_dir("/proc").unwrap().flatten().filter_map(|entry| entry.file_name().to_str()?.parse().ok());
     ids.filter_map(of).collect()
-}
-
-/// Waits for a task of a take that `wanted` takes by its phase and node.
-pub fn task_of(take: &Path, wanted: impl Fn(&str, &str) -> bool) -> Process {
-    let end = Instant::now() + Duration::from_secs(90);
-    let take = take.canonicalize().unwrap();
-    while Instant::now() < end {
-        let is_wanted = |process: &Process| {
-            let phase = process.words.iter().skip_while(|word| *word != "--from").nth(1);
-            process.words.get(2).is_some_and(|word| word == text(&take))
-                && phase.is_some_and(|p| wanted(p, &process.node))
-        };
-        if let Some(task) = processes().into_iter().find(is_wanted) {
-            return task;
-        }
-        std::thread::sleep(Duration::from_millis(10));
-    }
-    panic!("no such task came");
 }
 
 /// Ends processes at once.
