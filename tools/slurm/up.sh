@@ -54,6 +54,8 @@ AccountingStorageType=accounting_storage/none
 JobCompType=jobcomp/none
 MailProg=/bin/true
 KillWait=2
+# A loaded machine may take long to end a job; a node that does is not to be drained.
+UnkillableStepTimeout=180
 MinJobAge=300
 SlurmdPidFile=$folder/slurmd-%n.pid
 SlurmdSpoolDir=$folder/spool/%n

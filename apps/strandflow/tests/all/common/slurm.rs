@@ -65,6 +65,7 @@ impl Slurm {
     pub fn task_of(&self, take: &Path, wanted: impl Fn(&str, &str) -> bool) -> Process {
         let end = Instant::now() + Duration::from_secs(90);
         let take = take.canonicalize().unwrap();
+        let mut looked = Instant::now();
         while Instant::now() < end {
             let is_wanted = |process: &Process| {
                 let phase = process.words.iter().skip_while(|word| *word != "--from").nth(1);
@@ -74,22 +75,39 @@ impl Slurm {
             if let Some(task) = processes().into_iter().find(is_wanted) {
                 return task;
             }
+            if looked.elapsed() > Duration::from_secs(5) {
+                self.resume_drained();
+                looked = Instant::now();
+            }
             std::thread::sleep(Duration::from_millis(10));
         }
         panic!("no such task came: {}", self.tell());
     }
 
+    /// Gives back the nodes that Slurm itself took out, as who runs a cluster does: on a loaded machine it may hold one that is
+    /// slow to end a job for one that cannot.
+    fn resume_drained(&self) {
+        let drained = self.said("sinfo", &["--Node", "--noheader", "--states=drain", "--format=%N"]);
+        for node in drained.lines() {
+            eprintln!("node {node} was drained: {}", self.said("sinfo", &["--list-reasons"]));
+            self.said("scontrol", &["update", &format!("nodename={node}"), "state=resume"]);
+        }
+    }
+
+    /// What a command of this Slurm says.
+    fn said(&self, program: &str, args: &[&str]) -> String {
+        let out = Command::new(program).args(args).env("SLURM_CONF", self.folder.join("slurm.conf")).output().unwrap();
+        String::from_utf8_lossy(&out.stdout).into_owned()
+    }
+
     /// Nodes, jobs and the end of the log, for a test that failed.
     fn tell(&self) -> String {
-        let said = |program: &str, args: &[&str]| {
-            let out =
-                Command::new(program).args(args).env("SLURM_CONF", self.folder.join("slurm.conf")).output().unwrap();
-            format!("\n{program} {}:\n{}", args.join(" "), String::from_utf8_lossy(&out.stdout))
-        };
         let log = std::fs::read_to_string(self.folder.join("log/slurmctld.log")).unwrap_or_default();
         let lines: Vec<&str> = log.lines().collect();
         let end = lines[lines.len().saturating_sub(60)..].join("\n");
-        said("sinfo", &["--Node", "--long"]) + &said("squeue", &["--long", "--array"]) + &format!("\nlog:\n{end}")
+        self.said("sinfo", &["--Node", "--long"])
+            + &self.said("squeue", &["--long", "--array"])
+            + &format!("log:\n{end}")
     }
 }
 
