@@ -1,31 +1,42 @@
 //! Stage 11: every strand's motion explained by a simulation: parameters and averaged simulated positions (eq. 3, 4).
+//!
+//! Memory is that of a stretch of frames, however long the take ([`stretches`]).
+
+mod evidence;
+mod stretches;
+
+use std::ops::Range;
 
 use glam::DVec3;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Place, Provenance, Report, RigidTransform, StrandSequence};
-use strandflow_dynamics::refine::{RefineOptions, Refined, Take, Track, refine};
+use strandflow_dynamics::{
+    Params,
+    refine::{Body, RefineOptions, Refined, Take, Track, refine_stretch},
+};
 
 use crate::{Mode, SettingViolation, StageError};
+use evidence::Evidence;
+pub use stretches::{Stretch, stretches};
 
-/// What one block of strands needs.
+/// What one block of strands needs of a stretch of frames.
 pub struct FitInput<'a> {
-    /// The trimmed sequence of the block, all frames.
+    /// The trimmed sequence of the block.
     pub sequence: &'a StrandSequence,
-    /// The head's motion per frame.
+    /// The head's motion per frame of the sequence.
     pub world_from_head: &'a [RigidTransform],
     /// Gravity \[mm/s²\], world.
     pub gravity: DVec3,
     /// Frame interval \[s\].
     pub frame_secs: f64,
-    /// Number of the block's first strand in the take, for messages.
-    pub first_strand: usize,
 }
 
-/// The refined block. Every particle below a strand's count is present in every frame.
+/// What was found of each strand of a block.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fitted {
-    /// Refined strands; provenance `Simulated` where the frame had no point.
-    pub sequence: StrandSequence,
+    /// Particles of the strand in every frame; 0 where the strand was given up, or never seen.
+    pub counts: Vec<u16>,
     /// Fitted parameters per strand, shape (N, 9): k_edge, k_bend, k_torsion, k_alt \[1/s²\], c_edge, c_bend, c_torsion,
     /// c_alt, drag \[1/s\], per unit mass. Geometric mean over the windows of the last outer pass.
     pub parameters: Vec<[f32; 9]>,
@@ -146,113 +157,210 @@ const PAPER_WINDOW_FRAMES: usize = 5;
 /// Trust below which a present point still counts as this much: confidence is a guess.
 const LEAST_WEIGHT: f64 = 0.05;
 
-/// Fits one block of strands.
+/// Strands that are refined at a time: a few packs for each core of a large machine, while what they hold of a stretch is small.
+const GROUP: usize = 128;
+
+/// The fit of one block of strands, a stretch of frames after the other.
 ///
 /// A strand without any usable point stays missing and is reported; everything else that can be wrong with a strand
-/// (gaps, jumps, windows that fail) is absorbed and counted in `windows`.
+/// (gaps, jumps, windows that fail) is absorbed and counted in [`Fitted::windows`].
 ///
-/// Errors: frames, head motion and array lengths that do not fit together; a head motion that is not finite.
 /// Reference: Zhang, Wu, Zhang et al. 2012, §5.1–5.2, eq. 3 and 4.
-/// Deviation: see `strandflow_dynamics::refine`; paper mode follows the letter.
-pub fn fit(input: &FitInput, mode: Mode, settings: &FitSettings, report: &mut Report) -> Result<Fitted, StageError> {
-    check_shapes(input)?;
-    let tracks: Vec<Track> = (0..input.sequence.strand_count).map(|n| track_of(input.sequence, n, settings)).collect();
-    let take = Take { world_from_head: input.world_from_head, gravity: input.gravity, frame_secs: input.frame_secs };
-    let options = settings.options(mode);
-    let refined = refine(&tracks, &take, &options);
-    let mut out = Fitted {
-        sequence: input.sequence.clone(),
-        parameters: Vec::with_capacity(tracks.len()),
-        residual_mm: Vec::with_capacity(tracks.len()),
-        windows: Vec::with_capacity(tracks.len()),
-    };
-    let (mut empty, mut failed, mut given_up) = (0, 0, 0);
-    for (n, strand) in refined.iter().enumerate() {
-        let params = strand.as_ref().map_or(options.start, |s| s.params);
-        out.parameters.push(params.to_array().map(|p| p as f32));
-        out.windows.push(strand.as_ref().map_or([0; 3], |s| s.windows.map(|w| w.min(u16::MAX.into()) as u16)));
-        failed += out.windows[n][2] as usize;
-        let believed = strand.as_ref().filter(|s| mode == Mode::Paper || is_believable(s, &tracks[n], settings));
-        out.residual_mm.push(match believed {
-            Some(strand) => {
-                let points = mended(&strand.points, usize::from(input.sequence.counts[n]), settings);
-                write_back(input.sequence, &mut out.sequence, n, &points)
-            }
-            None => 0.0,
-        });
-        if believed.is_none() && input.sequence.counts[n] > 0 {
-            empty += usize::from(strand.is_none());
-            given_up += usize::from(strand.is_some());
-            remove(&mut out.sequence, n);
-        }
-    }
-    if empty + failed + given_up > 0 {
-        let fact = format!(
-            "{empty} strands without a usable point, {given_up} strands that no simulation explains, {failed} windows failed"
-        );
-        let place = Place { strand: Some(input.first_strand), ..Place::default() };
-        report.warn(
-            place,
-            fact,
-            "those strands are left to stage blend to complete; failed windows keep the cleaned positions",
-        );
-    }
-    Ok(out)
+/// *Deviation*: see `strandflow_dynamics::refine`; paper mode follows the letter. Takes of more than one stretch:
+/// see [`stretches`].
+pub struct BlockFit<'a> {
+    first_strand: usize,
+    mode: Mode,
+    settings: &'a FitSettings,
+    options: RefineOptions,
+    strands: Vec<Progress>,
 }
 
-/// A strand of which more than this share of the windows failed is given up and completed from its neighbours. A failed
-/// window keeps the cleaned positions, so a strand survives many of them; much lower, and strands are replaced by their
-/// neighbours that knew better themselves; near 1, strands that jump between different hair from frame to frame stay.
-const FAILED_SHARE: f64 = 0.4;
+/// One strand on its way through the stretches.
+#[derive(Default)]
+struct Progress {
+    count: u16,
+    /// What the stretches know together of its body; none where there is but one stretch.
+    body: Option<Body>,
+    evidence: Evidence,
+    /// Its way past the settled frames, which the next stretch is to join: shape (frames of a seam, n).
+    tail: Vec<DVec3>,
+    /// Parameters and windows by stretch.
+    found: Vec<(Params, [usize; 3])>,
+    /// Squared distances of the refined to the given points, and how many.
+    square: f64,
+    given: u32,
+}
+
+impl<'a> BlockFit<'a> {
+    /// A block of strands of these particle counts; `first_strand` is its first one's number in the take, for messages.
+    pub fn new(first_strand: usize, counts: &[u16], mode: Mode, settings: &'a FitSettings) -> Self {
+        let strands = counts.iter().map(|&count| Progress { count, ..Progress::default() }).collect();
+        Self { first_strand, mode, settings, options: settings.options(mode), strands }
+    }
+
+    /// Looks at the samples of a stretch: rest shape, median shape and noise are those of the whole take. To be called with the
+    /// frames that are each stretch's own before the first of several is fitted.
+    ///
+    /// # Errors
+    /// As [`BlockFit::fit`].
+    pub fn survey(&mut self, input: &FitInput) -> Result<(), StageError> {
+        self.check(input)?;
+        let take = take_of(input);
+        let seen: Vec<Option<Body>> = (0..self.strands.len())
+            .into_par_iter()
+            .map(|n| Body::of(&track_of(input.sequence, n, self.settings), &take, &self.options))
+            .collect();
+        for (strand, seen) in self.strands.iter_mut().zip(seen) {
+            strand.body = match (strand.body.take(), seen) {
+                (Some(body), Some(seen)) => Some(body.pooled(&seen)),
+                (body, seen) => body.or(seen),
+            };
+        }
+        Ok(())
+    }
+
+    /// Fits a stretch, of which `input` holds the frames; the stretches must come in their order. Returns the frames that are now
+    /// settled; provenance `Simulated` where the frame had no point. After the last stretch strands that are given up have no
+    /// particle in it; in frames returned before they are still there.
+    ///
+    /// # Errors
+    /// Frames, head motion and array lengths that do not fit together; a head motion that is not finite.
+    pub fn fit(&mut self, input: &FitInput, stretch: &Stretch) -> Result<StrandSequence, StageError> {
+        self.check(input)?;
+        let take = take_of(input);
+        let settled = stretch.settled_places();
+        let mut out = frames_of(input.sequence, settled.clone());
+        let mut order: Vec<usize> = (0..self.strands.len()).filter(|&n| self.strands[n].count > 0).collect();
+        order.sort_by_key(|&n| (self.strands[n].count, n));
+        for group in order.chunks(GROUP) {
+            let tracks: Vec<Track> = group.iter().map(|&n| track_of(input.sequence, n, self.settings)).collect();
+            let bodies: Vec<Option<Body>> = group.iter().map(|&n| self.strands[n].body.clone()).collect();
+            let refined = refine_stretch(&tracks, &bodies, &take, &self.options);
+            for ((&n, track), refined) in group.iter().zip(&tracks).zip(refined) {
+                if let Some(refined) = refined {
+                    let ways = self.strands[n].go_on(refined, track, stretch, self.settings);
+                    self.strands[n].write(&ways, n, &settled, input.sequence, &mut out, self.settings);
+                }
+            }
+        }
+        if stretch.is_last() {
+            let given_up = (0..self.strands.len()).filter(|&n| !self.strands[n].stays(self.mode));
+            given_up.for_each(|n| remove(&mut out, n));
+        }
+        Ok(out)
+    }
+
+    /// What was found, after the last stretch.
+    pub fn finish(self, report: &mut Report) -> Fitted {
+        let of = |value: fn(&Progress) -> bool| self.strands.iter().filter(|s| s.count > 0 && value(s)).count();
+        let empty = of(|s| s.found.is_empty());
+        let given_up = self.strands.iter().filter(|s| !s.found.is_empty() && !s.stays(self.mode)).count();
+        let failed: usize = self.strands.iter().map(|s| s.windows()[2]).sum();
+        if empty + failed + given_up > 0 {
+            let fact = format!(
+                "{empty} strands without a usable point, {given_up} strands that no simulation explains, {failed} windows failed"
+            );
+            let place = Place { strand: Some(self.first_strand), ..Place::default() };
+            report.warn(
+                place,
+                fact,
+                "those strands are left to stage blend to complete; failed windows keep the cleaned positions",
+            );
+        }
+        let each = |s: &Progress| {
+            let stays = s.stays(self.mode);
+            let residual = if stays { (s.square / f64::from(s.given.max(1))).sqrt() } else { 0.0 };
+            (
+                if stays { s.count } else { 0 },
+                s.params(&self.options).to_array().map(|p| p as f32),
+                residual as f32,
+                s.windows().map(|w| w.min(u16::MAX.into()) as u16),
+            )
+        };
+        let mut out = Fitted { counts: vec![], parameters: vec![], residual_mm: vec![], windows: vec![] };
+        for (count, parameters, residual_mm, windows) in self.strands.iter().map(each) {
+            out.counts.push(count);
+            out.parameters.push(parameters);
+            out.residual_mm.push(residual_mm);
+            out.windows.push(windows);
+        }
+        out
+    }
+}
+
+impl Progress {
+    /// Takes up a refined stretch, joined to the one before over their seam: the strand's way over the settled frames.
+    fn go_on(&mut self, refined: Refined, track: &Track, stretch: &Stretch, settings: &FitSettings) -> Vec<DVec3> {
+        let n = track.particle_count;
+        let Refined { mut points, params, windows, .. } = refined;
+        let settled = stretch.settled_places();
+        stretches::join(&self.tail, &mut points[settled.start * n..], n);
+        self.tail = points[settled.end * n..].iter().take(stretches::SEAM * n).copied().collect();
+        self.found.push((params, windows));
+        for t in settled.clone() {
+            let at = t * n..(t + 1) * n;
+            self.evidence.add(&points[at.clone()], &track.points[at.clone()], &track.weights[at], settings);
+        }
+        points.truncate(settled.end * n);
+        points.drain(..settled.start * n);
+        points
+    }
+
+    /// Writes the strand's way over the settled frames.
+    fn write(
+        &mut self,
+        way: &[DVec3],
+        strand: usize,
+        settled: &Range<usize>,
+        given: &StrandSequence,
+        out: &mut StrandSequence,
+        settings: &FitSettings,
+    ) {
+        let points = mended(way, self.count.into(), settings);
+        let from = settled.clone().flat_map(|t| given.range(t, strand));
+        let to: Vec<usize> = (0..settled.len()).flat_map(|t| out.range(t, strand)).collect();
+        for ((e, o), point) in from.zip(to).zip(points) {
+            out.points[o] = point.as_vec3();
+            if given.valid(e) && given.points[e].is_finite() {
+                self.square += given.points[e].as_dvec3().distance_squared(point);
+                self.given += 1;
+            } else {
+                out.provenance[o] = Provenance::Simulated;
+                out.confidence[o] = 0.0;
+            }
+        }
+    }
+
+    /// Windows of all stretches: fitted, stopped without converging, failed.
+    fn windows(&self) -> [usize; 3] {
+        std::array::from_fn(|k| self.found.iter().map(|(_, windows)| windows[k]).sum())
+    }
+
+    /// The geometric mean of the stretches' parameters, by their windows.
+    fn params(&self, options: &RefineOptions) -> Params {
+        let (mut sum, mut total) = ([0.0; 6], 0.0);
+        match &self.found[..] {
+            [] => return options.start,
+            [(params, _)] => return *params,
+            _ => {}
+        }
+        for (params, [fitted, stopped, _]) in &self.found {
+            let weight = (fitted + stopped) as f64;
+            params.to_log().iter().zip(&mut sum).for_each(|(p, sum)| *sum += weight * p);
+            total += weight;
+        }
+        if total > 0.0 { Params::from_log(&sum.map(|s| s / total)) } else { options.start }
+    }
+
+    /// Whether the refined strand can be passed on.
+    fn stays(&self, mode: Mode) -> bool {
+        !self.found.is_empty() && (mode == Mode::Paper || self.evidence.is_believable(self.windows()))
+    }
+}
+
 /// Edges outside these shares of the particle spacing are torn.
 const EDGE_RANGE: (f64, f64) = (0.7, 1.4);
-/// A strand of which more than this share of the edges is torn shows a simulation that came apart. Fewer are mended: a
-/// sample astray in one frame is no reason to lose a strand.
-const TORN_SHARE: f64 = 0.03;
-
-/// A strand of which more than this share of the samples lies beyond [`STRAY_MM`] from what it was made into is given up: it
-/// shows several hairs, and the simulation of one goes its own way where the others were seen. At 0 every outlier costs a
-/// strand.
-const STRAY_SHARE: f64 = 0.15;
-/// See [`STRAY_SHARE`] \[mm\].
-const STRAY_MM: f64 = 10.0;
-
-/// A strand that shakes more than this many times as much as where it was seen is given up: its simulation ran away, as a rule
-/// in the windows at the take's ends. A simulation is to take shaking off; at 2, strands go that are only livelier than before.
-const SHAKE_RATIO: f64 = 3.0;
-/// Less shaking \[mm a frame²\] than this is none.
-const LEAST_SHAKE_MM: f64 = 0.2;
-
-/// Whether a refined strand can be passed on: most windows explain it, its edges kept their length, it is where it was seen,
-/// and it does not shake.
-fn is_believable(strand: &Refined, track: &Track, settings: &FitSettings) -> bool {
-    let windows: usize = strand.windows.iter().sum();
-    let particles = track.particle_count.max(1);
-    let lengths = || strand.points.chunks(particles).flat_map(|f| f.windows(2).map(|p| p[0].distance(p[1])));
-    let (least, most) = (EDGE_RANGE.0 * settings.edge_mm, EDGE_RANGE.1 * settings.edge_mm);
-    let torn = lengths().filter(|length| !(least..=most).contains(length)).count();
-    let is_seen = |e: usize| track.weights[e] > 0.0;
-    let seen = || (0..track.points.len()).filter(|&e| is_seen(e));
-    let stray = seen().filter(|&e| strand.points[e].distance(track.points[e]) > STRAY_MM).count();
-    let (shake, seen_shake) = (shake(&strand.points, particles, |_| true), shake(&track.points, particles, is_seen));
-    torn as f64 <= TORN_SHARE * lengths().count() as f64
-        && seen_shake.is_none_or(|seen| shake.unwrap_or(0.0) <= SHAKE_RATIO * seen.max(LEAST_SHAKE_MM))
-        && stray as f64 <= STRAY_SHARE * seen().count() as f64
-        && strand.windows[2] as f64 <= FAILED_SHARE * windows as f64
-}
-
-/// Root mean square second difference over the frames of a strand's points, of those that count in three frames in a row;
-/// `None` where there are none.
-fn shake(points: &[DVec3], particles: usize, counts: impl Fn(usize) -> bool) -> Option<f64> {
-    let (mut sum, mut count) = (0.0, 0);
-    for [a, b, c] in (0..points.len().saturating_sub(2 * particles)).map(|e| [e, e + particles, e + 2 * particles]) {
-        if counts(a) && counts(b) && counts(c) {
-            sum += (points[c] - 2.0 * points[b] + points[a]).length_squared();
-            count += 1;
-        }
-    }
-    (count > 0).then(|| (sum / f64::from(count)).sqrt())
-}
 
 /// The strands of all frames with torn edges brought back to the range; what hangs on an edge moves with it.
 fn mended(points: &[DVec3], particles: usize, settings: &FitSettings) -> Vec<DVec3> {
@@ -272,7 +380,7 @@ fn mended(points: &[DVec3], particles: usize, settings: &FitSettings) -> Vec<DVe
 }
 
 /// Takes a strand out of the sequence: no particle in any frame.
-fn remove(sequence: &mut StrandSequence, strand: usize) {
+pub fn remove(sequence: &mut StrandSequence, strand: usize) {
     for t in 0..sequence.frame_count() {
         for e in sequence.range(t, strand) {
             sequence.points[e] = glam::Vec3::NAN;
@@ -283,32 +391,63 @@ fn remove(sequence: &mut StrandSequence, strand: usize) {
     sequence.counts[strand] = 0;
 }
 
-fn check_shapes(input: &FitInput) -> Result<(), StageError> {
-    let s = input.sequence;
-    let samples = s.frame_count() * s.strand_count * s.point_count;
-    let wrong = |fact: String, hint: &str| {
-        Err(StageError::Input { place: Place::strand(input.first_strand), fact, hint: hint.into() })
-    };
-    if [s.points.len(), s.provenance.len(), s.confidence.len()] != [samples; 3] || s.counts.len() != s.strand_count {
-        return wrong("the sequence's arrays do not fit its shape".into(), "run the stage before again");
-    }
-    if s.counts.iter().any(|&c| usize::from(c) > s.point_count) {
-        return wrong("a strand counts more particles than the sequence holds".into(), "run the stage before again");
-    }
-    if input.world_from_head.len() != s.frame_count() {
-        let fact = format!("{} head poses for {} frames", input.world_from_head.len(), s.frame_count());
-        return wrong(fact, "give one head pose per frame");
-    }
-    if !(input.frame_secs > 0.0 && input.frame_secs.is_finite()) {
-        return wrong(format!("frame interval {} s", input.frame_secs), "give the take's frame rate");
-    }
-    for (t, pose) in input.world_from_head.iter().enumerate() {
-        if !(pose.rotation.is_finite() && pose.translation.is_finite()) {
-            let place = Place::frame(s.frames.get(t).map_or(t, |&f| f as usize));
-            return Err(StageError::NonFinite { place, what: "the head pose".into() });
+impl BlockFit<'_> {
+    fn check(&self, input: &FitInput) -> Result<(), StageError> {
+        let s = input.sequence;
+        let samples = s.frame_count() * s.strand_count * s.point_count;
+        let wrong = |fact: String, hint: &str| {
+            Err(StageError::Input { place: Place::strand(self.first_strand), fact, hint: hint.into() })
+        };
+        if [s.points.len(), s.provenance.len(), s.confidence.len()] != [samples; 3] || s.counts.len() != s.strand_count
+        {
+            return wrong("the sequence's arrays do not fit its shape".into(), "run the stage before again");
         }
+        if !s.counts.iter().eq(self.strands.iter().map(|strand| &strand.count)) {
+            return wrong(
+                "the sequence's particle counts are not those of the block".into(),
+                "run the stage before again",
+            );
+        }
+        if s.counts.iter().any(|&c| usize::from(c) > s.point_count) {
+            return wrong(
+                "a strand counts more particles than the sequence holds".into(),
+                "run the stage before again",
+            );
+        }
+        if input.world_from_head.len() != s.frame_count() {
+            let fact = format!("{} head poses for {} frames", input.world_from_head.len(), s.frame_count());
+            return wrong(fact, "give one head pose per frame");
+        }
+        if !(input.frame_secs > 0.0 && input.frame_secs.is_finite()) {
+            return wrong(format!("frame interval {} s", input.frame_secs), "give the take's frame rate");
+        }
+        for (t, pose) in input.world_from_head.iter().enumerate() {
+            if !(pose.rotation.is_finite() && pose.translation.is_finite()) {
+                let place = Place::frame(s.frames.get(t).map_or(t, |&f| f as usize));
+                return Err(StageError::NonFinite { place, what: "the head pose".into() });
+            }
+        }
+        Ok(())
     }
-    Ok(())
+}
+
+fn take_of<'a>(input: &FitInput<'a>) -> Take<'a> {
+    Take { world_from_head: input.world_from_head, gravity: input.gravity, frame_secs: input.frame_secs }
+}
+
+/// Some frames of a sequence, by their places.
+fn frames_of(sequence: &StrandSequence, places: Range<usize>) -> StrandSequence {
+    let samples = sequence.strand_count * sequence.point_count;
+    let range = places.start * samples..places.end * samples;
+    StrandSequence {
+        frames: sequence.frames[places].to_vec(),
+        strand_count: sequence.strand_count,
+        point_count: sequence.point_count,
+        counts: sequence.counts.clone(),
+        points: sequence.points[range.clone()].to_vec(),
+        provenance: sequence.provenance[range.clone()].to_vec(),
+        confidence: sequence.confidence[range].to_vec(),
+    }
 }
 
 /// One strand of the sequence with the trust in its samples.
@@ -330,25 +469,10 @@ fn track_of(sequence: &StrandSequence, strand: usize, settings: &FitSettings) ->
     Track { particle_count: count, points, weights }
 }
 
-/// Writes a refined strand and returns its root mean square distance to the points that were given \[mm\].
-fn write_back(given: &StrandSequence, out: &mut StrandSequence, strand: usize, refined: &[DVec3]) -> f32 {
-    let (mut sum, mut count) = (0.0, 0);
-    let samples = (0..given.frame_count()).flat_map(|t| given.range(t, strand));
-    for (e, point) in samples.zip(refined) {
-        out.points[e] = point.as_vec3();
-        if given.valid(e) && given.points[e].is_finite() {
-            sum += given.points[e].as_dvec3().distance_squared(*point);
-            count += 1;
-        } else {
-            out.provenance[e] = Provenance::Simulated;
-            out.confidence[e] = 0.0;
-        }
-    }
-    (sum / f64::from(count.max(1))).sqrt() as f32
-}
-
 #[cfg(test)]
 mod tests {
+    use strandflow_dynamics::{Forces, Model, RestShape, State, Workspace, step};
+
     use super::*;
 
     #[test]
@@ -366,35 +490,142 @@ mod tests {
             assert!((length - expected).abs() < 1e-12, "{lengths:?}");
         }
     }
+
+    /// A strand of straight rest shape under a head that shakes; shape (T, n), and the head's motion.
+    fn shaken(frames: usize, n: usize) -> (Vec<DVec3>, Vec<RigidTransform>) {
+        let rest: Vec<DVec3> = (0..n).map(|i| DVec3::new(90.0, 0.0, -5.0 * i as f64)).collect();
+        let head = |secs: f64| RigidTransform {
+            rotation: glam::DMat3::from_rotation_z(0.5 * (9.0 * secs).sin()),
+            translation: DVec3::ZERO,
+        };
+        let model = Model::new(RestShape::from_positions(&rest, 5.0), 3);
+        let (mut state, mut workspace) = (State::at_rest(&rest), Workspace::new(&model));
+        let (mut points, mut poses) = (vec![], vec![]);
+        for t in 0..frames {
+            poses.push(head(t as f64 * 0.01));
+            points.extend_from_slice(&state.x);
+            for k in 1..=5 {
+                let at = head((t as f64 + f64::from(k) / 5.0) * 0.01);
+                let roots: Vec<DVec3> = rest[..3].iter().map(|p| at.point(*p)).collect();
+                step(&model, &Params::default(), &mut state, &mut workspace, 0.002, &roots, &Forces::default());
+            }
+        }
+        (points, poses)
+    }
+
+    fn input<'a>(sequence: &'a StrandSequence, world_from_head: &'a [RigidTransform]) -> FitInput<'a> {
+        FitInput { sequence, world_from_head, gravity: strandflow_dynamics::GRAVITY, frame_secs: 0.01 }
+    }
+
+    fn fitted(sequence: &StrandSequence, poses: &[RigidTransform], stretches: &[Stretch]) -> (StrandSequence, Fitted) {
+        let settings = FitSettings::default();
+        let mut block = BlockFit::new(0, &sequence.counts, Mode::Robust, &settings);
+        if stretches.len() > 1 {
+            for Stretch { own, .. } in stretches {
+                block.survey(&input(&frames_of(sequence, own.clone()), &poses[own.clone()])).unwrap();
+            }
+        }
+        let mut out = StrandSequence::missing(vec![], sequence.counts.clone(), sequence.point_count);
+        for stretch in stretches {
+            let part = frames_of(sequence, stretch.frames.clone());
+            let more = block.fit(&input(&part, &poses[stretch.frames.clone()]), stretch).unwrap();
+            out.frames.extend(more.frames);
+            out.points.extend(more.points);
+            out.provenance.extend(more.provenance);
+            out.confidence.extend(more.confidence);
+        }
+        (out, block.finish(&mut Report::default()))
+    }
+
+    #[test]
+    fn stretches_of_a_long_take_agree_with_the_whole_and_show_no_seam() {
+        let (frames, n, strands) = (240, 16, 3);
+        let (truth, poses) = shaken(frames, n);
+        let mut sequence = StrandSequence::missing((0..frames as u32).collect(), vec![n as u16; strands], n);
+        let noise = |e: usize| {
+            let unit = |k: usize| {
+                let h = ((3 * e + k + 1) as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+                ((h ^ (h >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9) >> 40) as f64 / f64::from(1 << 24) - 0.5
+            };
+            4.0 * DVec3::new(unit(0), unit(1), unit(2))
+        };
+        for e in 0..sequence.points.len() {
+            let (t, i) = (e / (n * strands), e % n);
+            sequence.points[e] = (truth[t * n + i] + if i < 3 { DVec3::ZERO } else { noise(e) }).as_vec3();
+            // The last strand is lost for longer than a stretch.
+            let is_lost = e / n % strands == 2 && (60..170).contains(&t);
+            sequence.provenance[e] = if is_lost { Provenance::Missing } else { Provenance::Observed };
+            sequence.confidence[e] = 1.0;
+        }
+        let cut = stretches::cut(frames, 60);
+        assert_eq!(cut.len(), 4);
+        let (whole, in_one) = fitted(&sequence, &poses, &stretches::cut(frames, frames));
+        let (parts, in_parts) = fitted(&sequence, &poses, &cut);
+        assert_eq!((&parts.frames, &in_parts.counts), (&whole.frames, &vec![n as u16; strands]));
+        assert_eq!(in_one.counts, in_parts.counts);
+        let error = |out: &StrandSequence, from: usize, to: usize, strand: usize| {
+            let square = |t: usize, i: usize| out.strand(t, strand)[i].as_dvec3().distance_squared(truth[t * n + i]);
+            let sum: f64 = (from..to).flat_map(|t| (3..n).map(move |i| (t, i))).map(|(t, i)| square(t, i)).sum();
+            (sum / ((to - from) * (n - 3)) as f64).sqrt()
+        };
+        for strand in 0..2 {
+            let (one, all) = (error(&whole, 0, frames, strand), error(&parts, 0, frames, strand));
+            assert!(one < 0.7 && all < 1.1 * one, "strand {strand}: {one} {all}");
+            for border in [60, 120, 180] {
+                let at = error(&parts, border - 9, border + 9, strand);
+                assert!(at < 1.5 * one, "strand {strand}, seam at {border}: {at} {one}");
+                // No jump where one settles and the other begins.
+                for t in border - 10..border + 10 {
+                    let second = |out: &[DVec3]| (out[0] - 2.0 * out[1] + out[2]).length();
+                    let tip = |t: usize| parts.strand(t, strand)[n - 1].as_dvec3();
+                    let of_truth = second(&[t - 1, t, t + 1].map(|t| truth[(t + 1) * n - 1]));
+                    assert!(second(&[tip(t - 1), tip(t), tip(t + 1)]) < of_truth + 1.0, "{t}");
+                }
+            }
+            let drag = |found: &Fitted| f64::from(found.parameters[strand][8]).ln();
+            assert!((drag(&in_one) - drag(&in_parts)).abs() < 0.5, "{:?} {:?}", in_one.parameters, in_parts.parameters);
+        }
+        // Where nothing was seen for a whole stretch the strand hangs from the head all the same.
+        assert!(error(&parts, 60, 170, 2) < 12.0, "{}", error(&parts, 60, 170, 2));
+        assert!(in_one.residual_mm.iter().zip(&in_parts.residual_mm).all(|(a, b)| (a - b).abs() < 0.1 * a));
+        let edge = |t: usize| (1..n).map(|i| parts.strand(t, 0)[i].distance(parts.strand(t, 0)[i - 1])).sum::<f32>();
+        let lengths: Vec<f32> = (0..frames).map(edge).collect();
+        let (least, most) = lengths.iter().fold((f32::MAX, 0f32), |(a, b), l| (a.min(*l), b.max(*l)));
+        assert!(most - least < 0.02 * most, "{least} {most}");
+    }
+
     #[test]
     fn a_strand_that_is_elsewhere_than_it_was_seen_or_runs_away_is_given_up() {
         let settings = FitSettings::default();
         let (frames, particles) = (20, 8);
         let point = |e: usize| DVec3::X * settings.edge_mm * (e % particles) as f64;
         let points: Vec<DVec3> = (0..frames * particles).map(point).collect();
-        let windows = [40, 0, 0];
-        let strand = Refined { points: points.clone(), cleaned: points.clone(), params: Default::default(), windows };
-        // Seen in the first frames where it is, in the last ones 40 mm aside; the rest was not seen.
-        let seen = |here: usize, aside: usize| Track {
-            particle_count: particles,
-            points: (0..points.len())
-                .map(|e| points[e] + if e / particles >= frames - aside { DVec3::Y * 40.0 } else { DVec3::ZERO })
-                .collect(),
-            weights: (0..points.len())
-                .map(|e| f64::from(u8::from(e / particles < here || e / particles >= frames - aside)))
-                .collect(),
-        };
-        assert!(is_believable(&strand, &seen(12, 0), &settings));
-        assert!(is_believable(&strand, &seen(12, 1), &settings), "one frame astray costs no strand");
-        assert!(!is_believable(&strand, &seen(9, 6), &settings));
-        // It swings aside and back by 0.8 mm: twice as far as that is lively, ten times has run away.
         let swung = |mm: f64| {
             let aside = |e: usize| DVec3::Y * mm * (1.3 * (e / particles) as f64).sin();
             (0..points.len()).map(|e| points[e] + aside(e)).collect::<Vec<_>>()
         };
-        let moved = |mm: f64| Refined { points: swung(mm), ..strand.clone() };
-        let track = Track { points: swung(0.8), ..seen(12, 0) };
-        assert!(is_believable(&moved(1.6), &track, &settings));
-        assert!(!is_believable(&moved(8.0), &track, &settings));
+        let is_believed = |refined: &[DVec3], given: &[DVec3], weights: &[f64]| {
+            let mut evidence = Evidence::default();
+            for at in (0..frames).map(|t| t * particles..(t + 1) * particles) {
+                evidence.add(&refined[at.clone()], &given[at.clone()], &weights[at], &settings);
+            }
+            evidence.is_believable([40, 0, 0])
+        };
+        // Seen in the first frames where it is, in the last ones 40 mm aside; the rest was not seen.
+        let weights = |here: usize, aside: usize| -> Vec<f64> {
+            let is_seen = |t: usize| t < here || t >= frames - aside;
+            (0..points.len()).map(|e| f64::from(u8::from(is_seen(e / particles)))).collect()
+        };
+        let seen = |here: usize, aside: usize| {
+            let off = |e: usize| if e / particles >= frames - aside { DVec3::Y * 40.0 } else { DVec3::ZERO };
+            let given: Vec<DVec3> = (0..points.len()).map(|e| points[e] + off(e)).collect();
+            is_believed(&points, &given, &weights(here, aside))
+        };
+        assert!(seen(12, 0));
+        assert!(seen(12, 1), "one frame astray costs no strand");
+        assert!(!seen(9, 6));
+        // It swings aside and back by 0.8 mm: twice as far as that is lively, ten times has run away.
+        assert!(is_believed(&swung(1.6), &swung(0.8), &weights(12, 0)));
+        assert!(!is_believed(&swung(8.0), &swung(0.8), &weights(12, 0)));
     }
 }

@@ -122,41 +122,46 @@ fn resample(strands: &Strands, strand: usize, settings: &SmoothSettings) -> Resa
     }
 }
 
-/// Phase 2, one block of strands over all frames: fixed counts, missing points marked.
+/// Phase 2, one block of strands: the particle count of each in every frame.
 ///
-/// `frames[t]` holds the same strands of the block in frame `frame_numbers[t]`. `point_count` is the P of the take,
-/// `longest` what [`longest_among_neighbours`] says of these strands.
-/// A strand that too few frames have, or that is too short to simulate, gets the count 0 and is completed in `blend`.
+/// `lengths(n)` are the counts of strand n over all frames, `point_count` is the P of the take, `longest` what
+/// [`longest_among_neighbours`] says of these strands. A strand that too few frames have, or that is too short to simulate, gets
+/// the count 0 and is completed in `blend`.
 ///
 /// Reference: Zhang et al. 2012 §4 ("trim a fiber to a fixed number of points"). Paper mode takes the shortest frame.
 /// *Deviation* (robust): a quantile of the counts over the frames; what a frame does not have is missing. One bad frame
 /// would otherwise shorten the strand for the whole take.
-pub fn trim_block(
-    frame_numbers: &[u32],
-    frames: &[Strands],
-    point_count: usize,
+pub fn fixed_counts(
+    lengths: impl Fn(usize) -> Vec<usize>,
     longest: &[u16],
+    point_count: usize,
     mode: Mode,
     settings: &SmoothSettings,
+) -> Vec<u16> {
+    let count =
+        |(n, &longest): (usize, &u16)| fixed_count(&lengths(n), point_count.min(longest.into()), mode, settings);
+    longest.iter().enumerate().map(|strand| count(strand) as u16).collect()
+}
+
+/// Phase 2: some frames of a block's strands at their fixed counts, missing points marked.
+///
+/// `frames[t]` holds the strands in frame `frame_numbers[t]`.
+pub fn trim(
+    frame_numbers: &[u32],
+    frames: &[Strands],
+    counts: &[u16],
+    point_count: usize,
 ) -> Result<StrandSequence, StageError> {
-    let strand_count = frames.iter().map(Strands::strand_count).max().unwrap_or(0);
-    let whole = frames.len() == frame_numbers.len() && longest.len() == strand_count;
-    if !whole || frames.iter().any(|f| f.strand_count() != strand_count) {
+    if frames.len() != frame_numbers.len() || frames.iter().any(|f| f.strand_count() != counts.len()) {
         return Err(StageError::Input {
             place: Place::default(),
             fact: format!("{} frames of differing strand counts for {} numbers", frames.len(), frame_numbers.len()),
             hint: "run the stage `smooth` again from its first phase".into(),
         });
     }
-    let counts = (0..strand_count)
-        .map(|n| {
-            let lengths: Vec<usize> = frames.iter().map(|frame| frame.range(n).len()).collect();
-            fixed_count(&lengths, point_count.min(longest[n].into()), mode, settings) as u16
-        })
-        .collect();
-    let mut out = StrandSequence::missing(frame_numbers.to_vec(), counts, point_count);
+    let mut out = StrandSequence::missing(frame_numbers.to_vec(), counts.to_vec(), point_count);
     for (t, frame) in frames.iter().enumerate() {
-        for n in 0..strand_count {
+        for n in 0..counts.len() {
             let (from, to) = (frame.range(n), out.range(t, n));
             for (source, target) in from.zip(to) {
                 out.points[target] = frame.points[source];
@@ -264,15 +269,18 @@ mod tests {
         let frames: Vec<Strands> = [20, 21, 3, 22, 0, 24, 21].iter().map(|&n| line(n, 5.0)).collect();
         let numbers: Vec<u32> = (10..17).collect();
         let settings = SmoothSettings::default();
-        let out = trim_block(&numbers, &frames, 40, &[u16::MAX], Mode::Robust, &settings).unwrap();
+        let counts = |point_count: usize, mode: Mode| {
+            let lengths = |n: usize| frames.iter().map(|frame| frame.range(n).len()).collect();
+            fixed_counts(lengths, &[u16::MAX], point_count, mode, &settings)
+        };
+        let out = trim(&numbers, &frames, &counts(40, Mode::Robust), 40).unwrap();
         assert_eq!(out.counts, [21]);
         let present = |t: usize| out.range(t, 0).filter(|&i| out.valid(i)).count();
         assert_eq!((0..7).map(present).collect::<Vec<_>>(), [20, 21, 3, 21, 0, 21, 21]);
         assert!((0..out.points.len()).all(|i| out.valid(i) == out.points[i].is_finite()));
-        let paper = trim_block(&numbers, &frames, 40, &[u16::MAX], Mode::Paper, &settings).unwrap();
-        assert_eq!(paper.counts, [20]);
-        let capped = trim_block(&numbers, &frames, 12, &[u16::MAX], Mode::Robust, &settings).unwrap();
-        assert_eq!(capped.counts, [12]);
+        assert_eq!(counts(40, Mode::Paper), [20]);
+        assert_eq!(counts(12, Mode::Robust), [12]);
+        assert!(trim(&numbers[1..], &frames, &[21], 40).is_err());
     }
 
     #[test]

@@ -30,7 +30,7 @@ use crate::{
     params::Params,
 };
 
-pub use track::Track;
+pub use track::{Body, Track};
 
 /// Choices of the chain.
 #[derive(Clone, Debug, PartialEq)]
@@ -114,34 +114,56 @@ pub struct Refined {
 
 /// Refines strands. Strands without any usable sample come back as `None`, in the order of the input.
 pub fn refine(tracks: &[Track], take: &Take, options: &RefineOptions) -> Vec<Option<Refined>> {
-    struct All<'a>(&'a [Track], &'a Take<'a>, &'a RefineOptions);
-    impl LaneTask for All<'_> {
-        type Output = Vec<Option<Refined>>;
-        fn run<R: Kernels>(self) -> Self::Output {
-            refine_on::<R>(self.0, self.1, self.2)
-        }
-    }
-    on_widest_lanes(All(tracks, take, options))
+    on_widest_lanes(All { tracks, bodies: &[], take, options })
+}
+
+/// [`refine`] for a stretch of a longer take, over which strand i has the body `bodies[i]`: those are refined even where no
+/// sample can be used.
+pub fn refine_stretch(
+    tracks: &[Track],
+    bodies: &[Option<Body>],
+    take: &Take,
+    options: &RefineOptions,
+) -> Vec<Option<Refined>> {
+    on_widest_lanes(All { tracks, bodies, take, options })
 }
 
 /// [`refine`] on a given lane type.
 pub fn refine_on<R: Kernels>(tracks: &[Track], take: &Take, options: &RefineOptions) -> Vec<Option<Refined>> {
-    let prepared: Vec<Option<track::Prepared>> =
-        tracks.par_iter().map(|track| track::prepare(track, take, options)).collect();
-    // Equal particle counts next to one another, so that lanes are padded little.
-    let mut order: Vec<usize> = (0..tracks.len()).filter(|&i| prepared[i].is_some()).collect();
-    order.sort_by_key(|&i| (tracks[i].particle_count, i));
-    let done: Vec<Vec<(usize, Refined)>> = order
-        .par_chunks(R::COUNT)
-        .map(|members| {
-            let lanes: Vec<&track::Prepared> = members.iter().filter_map(|&i| prepared[i].as_ref()).collect();
-            let refined = windows::refine_bundle::<R>(&lanes, take, options);
-            members.iter().copied().zip(refined).collect()
-        })
-        .collect();
-    let mut out = vec![None; tracks.len()];
-    for (i, refined) in done.into_iter().flatten() {
-        out[i] = Some(refined);
+    All { tracks, bodies: &[], take, options }.run::<R>()
+}
+
+/// Strands, and their bodies where these are known.
+struct All<'a> {
+    tracks: &'a [Track],
+    bodies: &'a [Option<Body>],
+    take: &'a Take<'a>,
+    options: &'a RefineOptions,
+}
+
+impl LaneTask for All<'_> {
+    type Output = Vec<Option<Refined>>;
+
+    fn run<R: Kernels>(self) -> Self::Output {
+        let Self { tracks, bodies, take, options } = self;
+        let body = |i: usize| bodies.get(i).and_then(Option::as_ref);
+        let prepared: Vec<Option<track::Prepared>> =
+            (0..tracks.len()).into_par_iter().map(|i| track::prepare(&tracks[i], body(i), take, options)).collect();
+        // Equal particle counts next to one another, so that lanes are padded little.
+        let mut order: Vec<usize> = (0..tracks.len()).filter(|&i| prepared[i].is_some()).collect();
+        order.sort_by_key(|&i| (tracks[i].particle_count, i));
+        let done: Vec<Vec<(usize, Refined)>> = order
+            .par_chunks(R::COUNT)
+            .map(|members| {
+                let lanes: Vec<&track::Prepared> = members.iter().filter_map(|&i| prepared[i].as_ref()).collect();
+                let refined = windows::refine_bundle::<R>(&lanes, take, options);
+                members.iter().copied().zip(refined).collect()
+            })
+            .collect();
+        let mut out = vec![None; tracks.len()];
+        for (i, refined) in done.into_iter().flatten() {
+            out[i] = Some(refined);
+        }
+        out
     }
-    out
 }

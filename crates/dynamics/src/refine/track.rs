@@ -36,6 +36,50 @@ pub struct Prepared {
     pub noise_mm: f64,
 }
 
+/// What stays the same of a strand over a whole take: of one long take it is pooled from stretches of frames.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Body {
+    /// The rest shape.
+    pub rest: RestShape,
+    /// The median shape in head space \[mm\], length n.
+    pub median: Vec<DVec3>,
+    /// As [`Prepared::noise_mm`].
+    pub noise_mm: f64,
+    /// The trust that all samples have together.
+    pub weight: f64,
+}
+
+impl Body {
+    /// The body of a strand as its samples show it; `None` if none can be used.
+    pub fn of(track: &Track, take: &Take, options: &RefineOptions) -> Option<Self> {
+        let Prepared { rest, median, noise_mm, weights, .. } = prepare(track, None, take, options)?;
+        Some(Self { rest, median, noise_mm, weight: weights.iter().sum() })
+    }
+
+    /// What this stretch and another know together: means by their weights, of altitudes too, which are heights with a sign.
+    /// Noise is averaged as a variance, over the stretches that have some.
+    pub fn pooled(&self, other: &Self) -> Self {
+        let weight = self.weight + other.weight;
+        let share = other.weight / weight;
+        let mean = |a: f64, b: f64| a + share * (b - a);
+        let means = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| mean(*a, *b)).collect::<Vec<_>>();
+        let lengths = std::array::from_fn(|k| means(&self.rest.lengths[k], &other.rest.lengths[k]));
+        let altitudes = self.rest.altitudes.iter().zip(&other.rest.altitudes);
+        let altitudes = altitudes.map(|(a, b)| std::array::from_fn(|k| mean(a[k], b[k]))).collect();
+        let epsilon = mean(self.rest.epsilon, other.rest.epsilon);
+        let noise_mm = match (self.noise_mm.is_finite(), other.noise_mm.is_finite()) {
+            (true, true) => mean(self.noise_mm.powi(2), other.noise_mm.powi(2)).sqrt(),
+            _ => self.noise_mm.min(other.noise_mm),
+        };
+        Self {
+            rest: RestShape { lengths, altitudes, epsilon },
+            median: self.median.iter().zip(&other.median).map(|(a, b)| a.lerp(*b, share)).collect(),
+            noise_mm,
+            weight,
+        }
+    }
+}
+
 /// Half-width of the sliding median \[frames\]. Over nine frames a swinging strand stays within millimetres of it.
 const MEDIAN_HALF: usize = 4;
 /// Deviations from the sliding median beyond this many typical ones lose their weight.
@@ -49,8 +93,9 @@ const OUTLIER_FLOOR_MM: f64 = 1.5;
 /// Edge lengths varying by less than this (relative) are taken as the strand's own; above, noise made them.
 const STEADY_EDGES: f64 = 0.2;
 
-/// Prepares a strand; `None` if no sample can be used.
-pub fn prepare(track: &Track, take: &Take, options: &RefineOptions) -> Option<Prepared> {
+/// Prepares a strand, with the body that the whole take gave it where there is one; `None` if no sample can be used and there is
+/// no body.
+pub fn prepare(track: &Track, body: Option<&Body>, take: &Take, options: &RefineOptions) -> Option<Prepared> {
     let (n, frames) = (track.particle_count, take.world_from_head.len());
     if n == 0 || frames == 0 || track.points.len() != n * frames || track.weights.len() != n * frames {
         return None;
@@ -68,6 +113,9 @@ pub fn prepare(track: &Track, take: &Take, options: &RefineOptions) -> Option<Pr
     if !options.letter {
         keep_one_hair(&head, &mut weights, n);
         distrust_outliers(&head, &mut weights, n);
+    }
+    if let Some(Body { rest, median, noise_mm, .. }) = body.cloned() {
+        return Some(Prepared { n, head, weights, rest, median, noise_mm });
     }
     let median = median_shape(&head, &weights, n, options.edge_mm)?;
     let rest = rest_shape(&head, &weights, n, &median, options.edge_mm);

@@ -1,11 +1,17 @@
 //! Stage 11.
 
-use serde_json::{Value, json};
-use strandflow_core::Report;
-use strandflow_dynamics::Params;
-use strandflow_stages::fit::FitInput;
+use std::ops::Range;
 
-use super::{block_of, ensure, need_pose, of_stage, smooth::trim::point_count, strand_arrays};
+use serde_json::{Value, json};
+use strandflow_core::{FrameRange, Report, RigidTransform, StrandSequence};
+use strandflow_dynamics::Params;
+use strandflow_stages::fit::{BlockFit, FitInput, Stretch, stretches};
+
+use super::{
+    block_of, ensure, need_pose, of_stage,
+    smooth::trim::point_count,
+    strand_arrays::{self, padded},
+};
 use crate::{
     EngineError, Needs,
     item::{BLOCK_STRANDS, Item},
@@ -38,21 +44,45 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
     let block = block_of(item)?;
     let first = block * BLOCK_STRANDS;
     let strands = first..(first + BLOCK_STRANDS).min(job.take.strand_count()?);
-    let frames = job.plan.frames;
-    let poses = (frames.start..frames.end).map(|t| job.take.read_pose(t)).collect::<Result<Vec<_>, _>>()?;
-    let input = FitInput {
-        sequence: &job.take.read_sequence_part("smooth", frames, strands)?,
-        world_from_head: &poses,
-        gravity: job.take.gravity(),
-        frame_secs: job.take.frame_secs(),
-        first_strand: first,
+    let (start, points) = (job.plan.frames.start, point_count(job)?);
+    let poses = (start..job.plan.frames.end).map(|t| job.take.read_pose(t)).collect::<Result<Vec<_>, _>>()?;
+    let read = |places: &Range<usize>| {
+        let frames = FrameRange { start: start + places.start, end: start + places.end };
+        job.take.read_sequence_part("smooth", frames, strands.clone())
     };
-    let fitted =
-        strandflow_stages::fit::fit(&input, job.plan.mode, &job.plan.settings.fit, report).map_err(of_stage("fit"))?;
-    strand_arrays::write_sequence(out, "fit", block, &fitted.sequence, point_count(job)?)?;
-    let padded = strand_arrays::padded;
-    out.chunk("fit/counts", &[block], &padded(&fitted.sequence.counts, 1, 0))?;
-    out.chunk("fit/parameters", &[block, 0], &strand_arrays::padded(fitted.parameters.as_flattened(), 9, f32::NAN))?;
-    out.chunk("fit/residual_mm", &[block], &strand_arrays::padded(&fitted.residual_mm, 1, f32::NAN))?;
+    let counts: Vec<u16> = job.take.store().read("smooth/counts", std::slice::from_ref(&strands))?;
+    let stretches = stretches(poses.len());
+    let mut fit = BlockFit::new(first, &counts, job.plan.mode, &job.plan.settings.fit);
+    if stretches.len() > 1 {
+        for Stretch { own, .. } in &stretches {
+            fit.survey(&input_of(job, &read(own)?, &poses[own.clone()])).map_err(of_stage("fit"))?;
+        }
+    }
+    for stretch in &stretches {
+        let sequence = read(&stretch.frames)?;
+        let settled =
+            fit.fit(&input_of(job, &sequence, &poses[stretch.frames.clone()]), stretch).map_err(of_stage("fit"))?;
+        strand_arrays::write_sequence(out, "fit", block, &settled, points)?;
+    }
+    let fitted = fit.finish(report);
+    out.chunk("fit/counts", &[block], &padded(&fitted.counts, 1, 0))?;
+    // Which strands are given up is known after the last stretch only.
+    if (0..counts.len()).any(|n| fitted.counts[n] != counts[n]) {
+        for settled in stretches.iter().map(|s| &s.settled).take(stretches.len() - 1) {
+            for frame in settled.clone().map(|t| start + t) {
+                let frames = FrameRange { start: frame, end: frame + 1 };
+                let mut sequence = out.store().read_sequence_part("fit", frames, strands.clone())?;
+                sequence.counts.clone_from(&fitted.counts);
+                strand_arrays::write_sequence(out, "fit", block, &sequence, points)?;
+            }
+        }
+    }
+
+    out.chunk("fit/parameters", &[block, 0], &padded(fitted.parameters.as_flattened(), 9, f32::NAN))?;
+    out.chunk("fit/residual_mm", &[block], &padded(&fitted.residual_mm, 1, f32::NAN))?;
     out.chunk("fit/windows", &[block, 0], &padded(fitted.windows.as_flattened(), 3, 0))
+}
+
+fn input_of<'a>(job: &Job, sequence: &'a StrandSequence, world_from_head: &'a [RigidTransform]) -> FitInput<'a> {
+    FitInput { sequence, world_from_head, gravity: job.take.gravity(), frame_secs: job.take.frame_secs() }
 }

@@ -1,5 +1,10 @@
 //! Stage 10: each frame smoothed, the take's point count, then each block trimmed.
 
+/// Points of a strand, by its row of provenances.
+fn present(row: &[u8]) -> usize {
+    row.iter().rposition(|&p| p != 0).map_or(0, |last| last + 1)
+}
+
 /// Phase 1: every frame by itself.
 pub mod frames {
     use strandflow_core::Report;
@@ -31,7 +36,7 @@ pub mod topology {
     use strandflow_core::Report;
     use strandflow_stages::smooth::longest_among_neighbours;
 
-    use super::super::need_scalp;
+    use super::{super::need_scalp, present};
 
     use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
 
@@ -58,7 +63,7 @@ pub mod topology {
             let range = [frame..frame + 1, 0..strands, 0..width];
             let provenance: Vec<u8> = job.take.store().read("smooth/frames/provenance", &range)?;
             for (n, row) in provenance.chunks(width).enumerate() {
-                often[n * (width + 1) + row.iter().rposition(|&p| p != 0).map_or(0, |last| last + 1)] += 1;
+                often[n * (width + 1) + present(row)] += 1;
             }
         }
         let of_strand = |n: usize| &often[n * (width + 1)..(n + 1) * (width + 1)];
@@ -110,8 +115,12 @@ pub mod topology {
 pub mod trim {
     use serde_json::Value;
     use strandflow_core::Report;
+    use strandflow_stages::smooth::{fixed_counts, trim};
 
-    use super::super::{block_of, ensure, of_stage, strand_arrays};
+    use super::{
+        super::{block_of, ensure, of_stage, strand_arrays},
+        present,
+    };
     use crate::{
         EngineError, Needs,
         item::{BLOCK_STRANDS, Item},
@@ -141,14 +150,25 @@ pub mod trim {
         let block = block_of(item)?;
         let first = block * BLOCK_STRANDS;
         let strands = first..(first + BLOCK_STRANDS).min(job.take.strand_count()?);
-        let numbers: Vec<u32> = (job.plan.frames.start as u32..job.plan.frames.end as u32).collect();
-        let read = |&frame: &u32| job.take.read_strand_range("smooth", frame as usize, strands.clone());
-        let frames = numbers.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-        let longest: Vec<u16> = job.take.store().read("smooth/longest", std::slice::from_ref(&strands))?;
-        let (points, mode, settings) = (point_count(job)?, job.plan.mode, &job.plan.settings.smooth);
-        let sequence = strandflow_stages::smooth::trim_block(&numbers, &frames, points, &longest, mode, settings)
-            .map_err(of_stage("smooth"))?;
-        strand_arrays::write_sequence(out, "smooth", block, &sequence, points)?;
-        out.chunk("smooth/counts", &[block], &strand_arrays::padded(&sequence.counts, 1, 0))
+        let (store, points) = (job.take.store(), point_count(job)?);
+        let frames = job.plan.frames.start..job.plan.frames.end;
+        let width = store.shape("smooth/frames/provenance")?[2];
+        let mut lengths = vec![Vec::with_capacity(frames.len()); strands.len()];
+        for frame in frames.clone() {
+            let provenance: Vec<u8> =
+                store.read("smooth/frames/provenance", &[frame..frame + 1, strands.clone(), 0..width])?;
+            for (row, lengths) in provenance.chunks(width).zip(&mut lengths) {
+                lengths.push(present(row) as u16);
+            }
+        }
+        let longest: Vec<u16> = store.read("smooth/longest", std::slice::from_ref(&strands))?;
+        let lengths = |n: usize| lengths[n].iter().map(|&len| len.into()).collect();
+        let counts = fixed_counts(lengths, &longest, points, job.plan.mode, &job.plan.settings.smooth);
+        for frame in frames {
+            let strands = job.take.read_strand_range("smooth", frame, strands.clone())?;
+            let trimmed = trim(&[frame as u32], &[strands], &counts, points).map_err(of_stage("smooth"))?;
+            strand_arrays::write_sequence(out, "smooth", block, &trimmed, points)?;
+        }
+        out.chunk("smooth/counts", &[block], &strand_arrays::padded(&counts, 1, 0))
     }
 }
