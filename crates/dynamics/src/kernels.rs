@@ -156,16 +156,42 @@ pub trait LaneTask {
 pub fn on_widest_lanes<T: LaneTask>(task: T) -> T::Output {
     #[cfg(target_arch = "x86_64")]
     {
-        use crate::lanes_x86::{F32x8, F32x16};
-        use std::arch::is_x86_feature_detected as has;
-        if has!("avx512f") && has!("avx512dq") && has!("avx512vl") && has!("fma") {
-            return task.run::<F32x16>();
+        if has_avx512() {
+            return task.run::<crate::lanes_x86::F32x16>();
         }
-        if has!("avx2") && has!("fma") {
-            return task.run::<F32x8>();
+        if has_avx2() {
+            return task.run::<crate::lanes_x86::F32x8>();
         }
     }
     task.run::<Portable>()
+}
+
+/// Runs a task on every kind of lanes that this processor has: scalar doubles first, then packs by their width.
+pub fn on_each_lanes<T: LaneTask + Clone>(task: &T) -> Vec<T::Output> {
+    #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut, reason = "no further packs"))]
+    let mut all = vec![task.clone().run::<f64>(), task.clone().run::<Portable>()];
+    #[cfg(target_arch = "x86_64")]
+    {
+        if has_avx2() {
+            all.push(task.clone().run::<crate::lanes_x86::F32x8>());
+        }
+        if has_avx512() {
+            all.push(task.clone().run::<crate::lanes_x86::F32x16>());
+        }
+    }
+    all
+}
+
+#[cfg(target_arch = "x86_64")]
+fn has_avx512() -> bool {
+    use std::arch::is_x86_feature_detected as has;
+    has!("avx512f") && has!("avx512dq") && has!("avx512vl") && has!("fma")
+}
+
+#[cfg(target_arch = "x86_64")]
+fn has_avx2() -> bool {
+    use std::arch::is_x86_feature_detected as has;
+    has!("avx2") && has!("fma")
 }
 
 /// Lanes of [`on_widest_lanes`].
