@@ -10,26 +10,10 @@ mod common;
 
 use std::path::Path;
 
-use glam::{DMat3, DVec3};
-use rayon::prelude::*;
-use strandflow_core::RigidTransform;
-use strandflow_dynamics::{Forces, Model, Params, RestShape, State, Workspace, step};
-use strandflow_engine::{
-    Item, Take,
-    item::BLOCK_STRANDS,
-    store::Writer,
-    table::{Job, phases},
-};
+use strandflow_engine::Take;
 use strandflow_report::{Axis, Mark, Plot, Tone};
 
-use common::{cameras, stderr, strandflow, text};
-
-/// Particles of every strand.
-const PARTICLES: usize = 40;
-/// Different motions; each strand has noise of its own.
-const KINDS: usize = 16;
-/// Noise per coordinate \[mm\].
-const NOISE_MM: f64 = 3.0;
+use common::{before_fit, stderr, strandflow, text};
 
 /// Strands and frames: the paper's largest hairstyles' length and Table 1's first row at the end, then longer takes.
 const OVER_STRANDS: [(usize, usize); 4] = [(1024, 200), (2048, 200), (4096, 200), (7421, 200)];
@@ -68,16 +52,7 @@ fn main() {
 /// Makes a take of trimmed strands and lets the program fit it.
 fn cost(strands: usize, frames: usize) -> Cost {
     let root = tempfile::tempdir().unwrap();
-    let (capture, folder) = common::take(root.path());
-    for camera in cameras() {
-        // The images of the capture over and over, by links; nobody looks at them.
-        let images = capture.join("images").join(&camera.name);
-        for frame in common::FRAMES..frames {
-            let of = images.join(format!("{:06}.png", frame % common::FRAMES));
-            std::fs::hard_link(of, images.join(format!("{frame:06}.png"))).unwrap();
-        }
-    }
-    finish_before_fit(&folder, strands, frames.max(common::FRAMES));
+    let folder = before_fit::take(root.path(), strands, frames, |_| false);
     let ran = strandflow(&["run", text(&folder), "--from", "fit", "--to", "fit", "--json"]);
     assert!(ran.status.success(), "{}", stderr(&ran));
     let events = String::from_utf8(ran.stdout).unwrap();
@@ -88,130 +63,10 @@ fn cost(strands: usize, frames: usize) -> Cost {
     assert!(kept as f64 > 0.95 * strands as f64, "{kept} of {strands} strands were fitted");
     Cost {
         strands,
-        frames: frames.max(common::FRAMES),
+        frames,
         secs: phase["secs"].as_f64().unwrap(),
         peak_mb: phase["peak_mb"].as_f64().unwrap_or(f64::NAN),
     }
-}
-
-/// Records of all items before `fit`, and of their results those that it reads.
-fn finish_before_fit(folder: &Path, strands: usize, frames: usize) {
-    let take = Take::open(folder).unwrap();
-    let plan = take.plan(None, None).unwrap();
-    take.write_resolved(&plan).unwrap();
-    assert_eq!(plan.frames.end, frames);
-    let secs = take.frame_secs();
-    let kinds: Vec<Vec<DVec3>> = (0..KINDS).into_par_iter().map(|kind| motion(kind, frames, secs)).collect();
-    let job = Job::new(&take, &plan);
-    let store = take.store();
-    for (stage, phase) in phases().take_while(|(stage, _)| stage.name != "fit") {
-        if phase.name == "smooth/trim" {
-            let (shape, chunk) = ([frames, strands, PARTICLES, 3], [1, BLOCK_STRANDS, PARTICLES, 3]);
-            let null = || serde_json::Value::Null;
-            store.ensure("smooth/points", &shape, &chunk, null()).unwrap();
-            store.ensure("smooth/provenance", &shape[..3], &chunk[..3], null()).unwrap();
-            store.ensure("smooth/confidence", &shape[..3], &chunk[..3], null()).unwrap();
-            store.ensure("smooth/counts", &[strands], &[BLOCK_STRANDS], null()).unwrap();
-        }
-        for &item in phase.chains(&job).unwrap().iter().flatten() {
-            let inputs = stage.inputs(phase, &job, item).unwrap();
-            let mut out = Writer::new(store);
-            match (phase.name, item) {
-                ("pose/pose", Item::Take) => {
-                    let rows: Vec<f64> =
-                        (0..frames).flat_map(|t| head(t as f64 * secs).to_rows().as_flattened().to_vec()).collect();
-                    out.whole("pose/world_from_head", &[frames, 4, 4], &rows).unwrap();
-                    let views = cameras().len();
-                    out.whole("pose/markers", &[frames, 1, 3], &vec![0.0f64; 3 * frames]).unwrap();
-                    out.whole("pose/tracks", &[frames, views, 1, 2], &vec![0.0f64; 2 * views * frames]).unwrap();
-                    out.whole("pose/rms_px", &[frames], &vec![0.0f64; frames]).unwrap();
-                    out.whole("pose/used", &[frames], &vec![0u32; frames]).unwrap();
-                    out.whole("pose/interpolated", &[frames], &vec![0u8; frames]).unwrap();
-                }
-                ("hull/grid", Item::Take) => {
-                    out.whole("hull/grid/origin", &[3], &[0.0f64; 3]).unwrap();
-                    out.whole("hull/grid/voxel_mm", &[1], &[5.0f64]).unwrap();
-                    out.whole("hull/grid/dims", &[3], &[8u32; 3]).unwrap();
-                }
-                ("scalp/scalp", Item::Take) => {
-                    out.whole("scalp/roots", &[strands, 3], &vec![0.0f64; 3 * strands]).unwrap();
-                }
-                ("smooth/topology", Item::Take) => {
-                    out.whole("smooth/point_count", &[1], &[PARTICLES as u32]).unwrap();
-                }
-                ("smooth/trim", Item::Block(block)) => write_block(&mut out, block, strands, frames, &kinds),
-                _ => {}
-            }
-            out.finish(&item.key(phase.name), inputs.hashes, Vec::new()).unwrap();
-        }
-    }
-}
-
-fn write_block(out: &mut Writer, block: usize, strands: usize, frames: usize, kinds: &[Vec<DVec3>]) {
-    let first = block * BLOCK_STRANDS;
-    let here = BLOCK_STRANDS.min(strands - first);
-    let present = |e: usize| e / PARTICLES < here;
-    let samples = BLOCK_STRANDS * PARTICLES;
-    for t in 0..frames {
-        let point = |e: usize| {
-            let (strand, i) = (first + e / PARTICLES, e % PARTICLES);
-            let true_point = kinds[strand % KINDS][t * PARTICLES + i];
-            let noise = if i < 3 { DVec3::ZERO } else { noise(((strand * frames + t) * PARTICLES + i) as u64) };
-            if present(e) { (true_point + noise).as_vec3().to_array() } else { [f32::NAN; 3] }
-        };
-        let points: Vec<[f32; 3]> = (0..samples).into_par_iter().map(point).collect();
-        let flag = |value: u8| (0..samples).map(|e| if present(e) { value } else { 0 }).collect::<Vec<u8>>();
-        out.chunk("smooth/points", &[t, block, 0, 0], points.as_flattened()).unwrap();
-        out.chunk("smooth/provenance", &[t, block, 0], &flag(1)).unwrap();
-        out.chunk("smooth/confidence", &[t, block, 0], &flag(255)).unwrap();
-    }
-    let counts: Vec<u16> = (0..BLOCK_STRANDS).map(|n| if n < here { PARTICLES as u16 } else { 0 }).collect();
-    out.chunk("smooth/counts", &[block], &counts).unwrap();
-}
-
-/// The head: ±30° about the vertical, 1.4 times a second.
-fn head(secs: f64) -> RigidTransform {
-    let angle = 0.5 * (std::f64::consts::TAU * 1.4 * secs).sin();
-    RigidTransform { rotation: DMat3::from_rotation_z(angle), translation: DVec3::ZERO }
-}
-
-/// A strand under the head, shape (T, n): curls of a width and a side of the head of its own.
-fn motion(kind: usize, frames: usize, secs: f64) -> Vec<DVec3> {
-    let width = 0.6 * kind as f64;
-    let curl = |i: usize| {
-        let turn = 0.9 * i as f64;
-        DVec3::new(width * turn.cos(), width * turn.sin(), -5.0 * i as f64)
-    };
-    let side = DMat3::from_rotation_z(std::f64::consts::TAU * kind as f64 / KINDS as f64);
-    let mut rest = vec![side * DVec3::new(90.0, 0.0, 0.0)];
-    for i in 1..PARTICLES {
-        rest.push(rest[i - 1] + 5.0 * (side * (curl(i) - curl(i - 1))).normalize());
-    }
-    let model = Model::new(RestShape::from_positions(&rest, 5.0), 3);
-    let (mut state, mut workspace) = (State::at_rest(&rest), Workspace::new(&model));
-    let steps = (secs / 1e-3).ceil() as usize;
-    let dt = secs / steps as f64;
-    let mut points = Vec::with_capacity(frames * PARTICLES);
-    for t in 0..frames {
-        points.extend_from_slice(&state.x);
-        for k in 1..=steps {
-            let at = head(t as f64 * secs + k as f64 * dt);
-            let roots: Vec<DVec3> = rest[..3].iter().map(|p| at.point(*p)).collect();
-            step(&model, &Params::default(), &mut state, &mut workspace, dt, &roots, &Forces::default());
-        }
-    }
-    points
-}
-
-/// Nearly normal noise, by a hash.
-fn noise(sample: u64) -> DVec3 {
-    let unit = |e: u64| {
-        let h = (e + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        let h = (h ^ (h >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        ((h ^ (h >> 32)) & 0xff_ffff) as f64 / f64::from(1 << 24) - 0.5
-    };
-    let axis = |axis: u64| NOISE_MM * 3f64.sqrt() * (0..4).map(|k| unit(12 * sample + 4 * axis + k)).sum::<f64>();
-    DVec3::new(axis(0), axis(1), axis(2))
 }
 
 /// Seconds and memory over the size of the take.

@@ -12,6 +12,7 @@ mod check_captures;
 mod check_faults;
 mod farm;
 mod held_out;
+mod long_fit;
 mod long_take;
 mod markers;
 mod mishaps;

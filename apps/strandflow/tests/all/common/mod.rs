@@ -1,6 +1,7 @@
 //! A tiny capture made in the test: three views of a ball with a cap of hair, as folders of images.
 #![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
+pub mod before_fit;
 pub mod browser;
 #[cfg(target_os = "linux")]
 pub mod slurm;
