@@ -46,25 +46,32 @@ fn beside(name: &str, scenes: &Scenes, options: &RefineOptions) {
     println!("{name:22} {packs:9.4} {doubles:9.4} {:8.4} {:9.4}", packs / doubles, packs - doubles);
 }
 
-/// Standard deviations of the log parameters, how many strands excite each, the z-score of drag, and held-out frames.
+/// Standard deviations of the log parameters, how many strands excite each, held-out frames, and how far drag is from the
+/// truth in standard deviations: root mean square, and the scatter among the strands alone.
 fn certainty(name: &str, drag: Option<f64>, refined: &[Option<Refined>]) {
     let refined: Vec<&Refined> = refined.iter().flatten().collect();
     let share = 1.0 / refined.len().max(1) as f64;
-    let (mut deviations, mut excited, mut held_out, mut square) = ([0.0; 4], [0; 4], [0.0; 2], 0.0);
+    let (mut deviations, mut excited, mut held_out, mut z) = ([0.0; 4], [0; 4], [0.0; 2], [0.0; 2]);
     for r in &refined {
         let (Some(each), Some(found)) = (r.deviations(), r.excited()) else { return };
         (0..4).for_each(|a| deviations[a] += share * each[a]);
         (0..4).for_each(|a| excited[a] += usize::from(found[a]));
         let pair = r.held_out_mm.unwrap_or([f64::NAN; 2]);
         (0..2).for_each(|k| held_out[k] += share * pair[k]);
-        square += share * drag.map_or(f64::NAN, |drag| ((r.params.drag / drag).ln() / each[3]).powi(2));
+        let off = drag.map_or(f64::NAN, |drag| (r.params.drag / drag).ln() / each[3]);
+        (0..2).for_each(|k| z[k] += share * off.powi(k as i32 + 1));
     }
     let [bend, torsion, altitude, d] = deviations;
     let [simulated, extrapolated] = held_out;
     print!(
-        "{name:22} {bend:7.3} {torsion:7.3} {altitude:8.3} {d:6.3}  {excited:2?}  {simulated:6.3} {extrapolated:6.3}"
+        "{name:22} {bend:6.3} {torsion:7.3} {altitude:8.3} {d:6.3}  {excited:2?}  {simulated:6.3} {extrapolated:6.3}"
     );
-    println!("{}", if square.is_finite() { format!("  {:6.1}", square.sqrt()) } else { "       –".into() });
+    let [mean, square] = z;
+    let scatter = (square - mean * mean).max(0.0).sqrt();
+    println!(
+        "{}",
+        if mean.is_finite() { format!("{:8.1} {scatter:8.1}", square.sqrt()) } else { "       –        –".into() }
+    );
 }
 
 fn row(name: &str, scenes: &Scenes, options: &RefineOptions) -> Vec<Option<Refined>> {
@@ -149,8 +156,12 @@ fn main() {
     println!("                        input, cleaned, refined [mm]");
     let refined: Vec<_> = kinds.iter().map(|(name, _, scenes)| row(name, scenes, &options)).collect();
     if options.newton_steps > 0 {
-        println!("\nstandard deviations of log parameters, strands that excite them, held-out frames [mm], z of drag");
-        println!("                          bend torsion altitude   drag  [of 16]         simulated, extrapolated  z");
+        println!(
+            "\nstandard deviations of log parameters, strands of 16 that excite them, held-out frames [mm], z of drag"
+        );
+        println!(
+            "                         bend torsion altitude   drag  excited           simul. extrap. rms z  scatter"
+        );
         for ((name, drag, _), refined) in kinds.iter().zip(&refined) {
             certainty(name, *drag, refined);
         }
