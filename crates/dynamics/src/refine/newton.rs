@@ -36,6 +36,10 @@ const RENEWAL: usize = 4;
 /// edge stiffness and damping time (METHOD §5); held where they start, no row of the table gets worse and S costs a third
 /// less.
 pub(super) const EXCITED: [usize; 4] = [1, 2, 3, 5];
+/// Sweeps over the linearised steps that a fit of one step takes: its own solve, and its share of a renewal.
+pub(super) const SWEEPS: usize = 2 * GRADIENTS + EXCITED.len() * (2 * GRADIENTS + 1) / RENEWAL;
+/// Simulations that renewals cost each window.
+pub(super) const RENEWING: usize = EXCITED.len() / RENEWAL;
 /// Step of the differences in a log parameter.
 const DIFFERENCE: f64 = 0.2;
 /// What remains of the knowledge about θ from one window to the next.

@@ -14,7 +14,7 @@ use crate::{
         bundle::{Bundle, set},
         clean::clean,
         filter,
-        newton::Newton,
+        newton::{self, Newton},
         track::Prepared,
     },
     window::{WindowInput, WindowWorkspace},
@@ -27,6 +27,11 @@ pub(super) const VELOCITY_UNIT: f64 = 100.0;
 const FAILED_SHARE: f64 = 0.15;
 /// See [`FAILED_SHARE`] \[mm\].
 const FAILED_LEAST_MM: f64 = 10.0;
+
+/// Sweeps over linearised steps, and simulations for renewals, of one window's fit.
+pub(crate) const LINEAR_SWEEPS: usize = newton::SWEEPS;
+/// See [`LINEAR_SWEEPS`].
+pub(crate) const RENEWING_RUNS: usize = newton::RENEWING;
 
 /// Samples and their weights in lanes, shape (T, n).
 struct Samples<R> {
