@@ -17,8 +17,10 @@ use truth::{
     FRAME_SECS, Scene, Shape, Truth, error, jitter, lengths, noisy, regrown, spoil, swap, tip_speed, truth as simulate,
 };
 
-/// Strands of one kind, with what is known of them.
+/// Strands of one kind: the truth and what is given of it.
 type Scenes = [(Truth, Track)];
+/// A row: its name, the true drag where the model has one, its strands.
+type Kind<'a> = (&'a str, Option<f64>, Vec<(Truth, Track)>);
 
 /// Whether the command line has this word.
 fn asked(word: &str) -> bool {
@@ -116,7 +118,7 @@ fn main() {
     for arg in std::env::args().skip(1) {
         options.newton_steps = if arg == "search" { 0 } else { arg.parse().unwrap_or(options.newton_steps) };
     }
-    let mut kinds: Vec<(&str, Option<f64>, Vec<(Truth, Track)>)> = Vec::new();
+    let mut kinds: Vec<Kind> = Vec::new();
     let (plain, fast) = (Scene::default(), Scene::fast());
     for (name, scene, sigma) in [
         ("straight", Scene { shape: Shape::Straight, ..plain }, 3.0),

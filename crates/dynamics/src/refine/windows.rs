@@ -347,17 +347,16 @@ impl<R: Kernels> Window<R> {
         self.v0.copy_from_slice(&self.start_v);
         self.targets.copy_from_slice(&samples.points[(start + 1) * n..(start + 1 + self.span) * n]);
         // Aging weights by frame, normalised by the lane's total trust.
-        let aging = |frame: usize| (-0.5 * (frame as f64 / options.aging_frames).powi(2)).exp();
+        let aging: Vec<f64> =
+            (0..=self.span).map(|frame| (-0.5 * (frame as f64 / options.aging_frames).powi(2)).exp()).collect();
         for lane in 0..R::COUNT {
-            let at = |frame: usize, i: usize| {
-                let e = (start + frame) * n + i;
-                aging(frame) * samples.weights[e * R::COUNT + lane]
-            };
+            let trust = |frame: usize, i: usize| samples.weights[((start + frame) * n + i) * R::COUNT + lane];
+            let at = |frame: usize, i: usize| aging[frame] * trust(frame, i);
             let mut total = 0.0;
             for frame in 1..=self.span {
                 total += (bundle.fixed..n).map(|i| at(frame, i)).sum::<f64>();
             }
-            let seen = |i: usize| (1..=self.span).filter(|&frame| at(frame, i) > 0.0).count();
+            let seen = |i: usize| (1..=self.span).filter(|&frame| trust(frame, i) > 0.0).count();
             let spare: usize = (bundle.fixed..n).map(|i| seen(i).saturating_sub(1)).sum();
             self.counts[lane] = Count { trust: total, spare: spare as f64 };
             let norm = if total > 0.0 { 1.0 / total } else { 0.0 };

@@ -142,8 +142,8 @@ impl<R: Kernels> Window<R> {
         let mut params = LaneParams::splat(&options.start);
         for (lane, state) in states.iter().enumerate() {
             params.set(lane, &Params::from_log(&state.theta));
-            for i in bundle.fixed..n {
-                trust[i].set(lane, samples.weights[((last + 1) * n + i) * R::COUNT + lane]);
+            for (i, slot) in trust.iter_mut().enumerate().skip(bundle.fixed) {
+                slot.set(lane, samples.weights[((last + 1) * n + i) * R::COUNT + lane]);
             }
         }
         let end = &self.best[(self.span - 1) * n..];
