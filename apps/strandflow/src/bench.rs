@@ -22,21 +22,30 @@ pub fn bench(args: &BenchArgs) -> Result<(), Failed> {
         found.stream / 1e9
     );
     println!(
-        "{:<28}{:>12}{:>11}{:>8}{:>10}{:>10}{:>11}{:>10}",
-        "kernel (per problem)", "scalar ms", "packs ms", "times", "kflop", "Gflop/s", "flop/byte", "% of roof"
+        "{:<28}{:>12}{:>11}{:>8}{:>10}{:>10}{:>11}{:>11}{:>11}",
+        "kernel (per problem)",
+        "scalar ms",
+        "packs ms",
+        "times",
+        "kflop",
+        "Gflop/s",
+        "flop/byte",
+        "% of roof",
+        "% of peak"
     );
     for row in &found.rows {
         let name = if row.name == "strand" { format!("strand of {} frames", args.frames) } else { row.name.into() };
-        print!("{name:<28}{:>12.4}{:>11.4}{:>8.1}", row.scalar_ms, row.packs_ms, row.scalar_ms / row.packs_ms);
+        print!("{name:<28}{:>12.5}{:>11.5}{:>8.1}", row.scalar_ms, row.packs_ms, row.scalar_ms / row.packs_ms);
         if let (Some(operations), Some(bytes)) = (row.operations, row.bytes) {
             let rate = operations as f64 / row.packs_ms * 1e3;
             let intensity = operations as f64 / bytes as f64;
             let roof = found.peak.min(intensity * found.stream);
             print!(
-                "{:>10.1}{:>10.1}{intensity:>11.1}{:>10.0}",
+                "{:>10.1}{:>10.1}{intensity:>11.1}{:>11.0}{:>11.0}",
                 operations as f64 / 1e3,
                 rate / 1e9,
-                100.0 * rate / roof
+                100.0 * rate / roof,
+                100.0 * rate / found.peak
             );
         }
         println!();

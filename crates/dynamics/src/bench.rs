@@ -10,15 +10,19 @@ use strandflow_core::RigidTransform;
 
 use crate::{
     Forces, GRAVITY, Model, Params, RestShape, State, Workspace,
+    band::{BlockRow, zero_row},
     counted::{Counted, take_operations},
     fused,
     kernels::{Job, Kernels, LaneTask, on_widest_lanes},
     lanes::{Lanes, V3, zero3},
     params::LaneParams,
-    refine::{RefineOptions, Take, Track, refine_on},
+    refine::{
+        RefineOptions, Take, Track, refine_on, track,
+        windows::{Fitting, LINEAR_SWEEPS, RENEWING_RUNS},
+    },
     rest::LaneRest,
     step,
-    system::StepConstants,
+    system::{self, StepConstants},
     window::{self, WindowInput, WindowWorkspace},
 };
 
@@ -28,6 +32,8 @@ const PARTICLES: usize = 40;
 const SPAN: usize = 5;
 /// Repetitions, of which the fastest counts: the others were disturbed.
 const REPEATS: usize = 25;
+/// Repetitions of a pass of window fits.
+const FIT_REPEATS: usize = 3;
 const FRAME_SECS: f64 = 0.01;
 
 /// One kernel, per problem (one window or strand).
@@ -67,15 +73,10 @@ pub fn run(frames: usize, threads: &[usize]) -> Findings {
     let (packs, lanes, peak) = on_widest_lanes(Wide(&scene));
     let counted = counts(&scene);
     let strand = on_widest_lanes(Strands(&scene));
-    let names = ["substep", "window, forward", "window, value and gradient"];
-    let float = 4.0 * 3.0 * PARTICLES as f64;
-    // Positions and velocities in and out, and the factor out: 12 vectors of three a particle for each block row.
-    let step_bytes = (4.0 * float + 12.0 * float) as u64;
-    let steps = (SPAN * SPAN) as u64;
-    let bytes = [step_bytes, steps * step_bytes, steps * (step_bytes + (12.0 * float + 5.0 * float) as u64)];
-    let mut rows: Vec<Row> = (0..3)
+    let bytes = bytes();
+    let mut rows: Vec<Row> = (0..KERNELS.len())
         .map(|k| Row {
-            name: names[k],
+            name: KERNELS[k],
             scalar_ms: scalar[k],
             packs_ms: packs[k],
             operations: Some(counted[k]),
@@ -86,6 +87,32 @@ pub fn run(frames: usize, threads: &[usize]) -> Findings {
     rows.push(Row { name: "strand", scalar_ms: reference, packs_ms: strand, operations: None, bytes: None });
     let sweep = threads.iter().map(|&count| (count, sweep(&scene, count))).collect();
     Findings { rows, lanes, peak, stream: stream(), sweep }
+}
+
+/// The kernels that are counted.
+const KERNELS: [&str; 7] = [
+    "forces",
+    "assembly",
+    "factor and solve",
+    "substep",
+    "window, forward",
+    "window, value and gradient",
+    "window fit, Gauss–Newton",
+];
+
+/// Bytes a lane of what each of [`KERNELS`] reads and writes once.
+fn bytes() -> [u64; KERNELS.len()] {
+    // One vector a particle, and the matrix or its factor: twelve of them for each block row.
+    let field = 4 * 3 * PARTICLES as u64;
+    let matrix = 12 * field;
+    let (frames, steps) = (SPAN as u64, (SPAN * SPAN) as u64);
+    // Positions and velocities in; impulses, or the next positions and velocities, out.
+    let (forces, substep) = (3 * field, 4 * field + matrix);
+    let (forward, gradient) = (steps * substep, steps * (substep + matrix + 5 * field));
+    // A sweep over linearised steps reads one factor and reads or writes one field a frame.
+    let sweeps = LINEAR_SWEEPS as u64 * frames * (matrix + field);
+    let fit = gradient + (1 + RENEWING_RUNS as u64) * forward + sweeps;
+    [forces, forces + matrix, 2 * matrix + 3 * field, substep, forward, gradient, fit]
 }
 
 /// Milliseconds of the fastest of `repeats`.
@@ -207,11 +234,49 @@ impl<R: Lanes> Bench<R> {
     }
 }
 
-/// One step of the bench's window, as the packs take it or as the scalar reference does.
+/// The pieces of a step, as the packs take them or as the scalar reference does.
+#[derive(Clone, Copy)]
+enum Piece {
+    Forces,
+    Assembly,
+    FactorAndSolve,
+    Whole,
+}
+
+const PIECES: [Piece; 4] = [Piece::Forces, Piece::Assembly, Piece::FactorAndSolve, Piece::Whole];
+
+/// Buffers of a step.
+struct Buffers<R> {
+    a: Vec<BlockRow<R>>,
+    x1: Vec<V3<R>>,
+    v1: Vec<V3<R>>,
+    /// The assembled system.
+    matrix: Vec<BlockRow<R>>,
+    rhs: Vec<V3<R>>,
+}
+
+impl<R: Lanes> Buffers<R> {
+    fn new(bench: &Bench<R>) -> Self {
+        let zeros = || vec![zero3(); PARTICLES];
+        let (mut matrix, mut rhs) = (vec![zero_row(); PARTICLES], zeros());
+        let input = bench.input();
+        system::assemble(
+            input.rest,
+            &input.params,
+            &input.constants,
+            (&bench.x[..PARTICLES], &bench.v0),
+            &mut matrix,
+            &mut rhs,
+        );
+        Self { a: matrix.clone(), x1: zeros(), v1: zeros(), matrix, rhs }
+    }
+}
+
+/// One piece of one step of the bench's window.
 struct Substep<'a, R> {
+    piece: Piece,
     bench: &'a Bench<R>,
-    factors: &'a mut [crate::band::BlockRow<R>],
-    out: (&'a mut [V3<R>], &'a mut [V3<R>]),
+    buffers: &'a mut Buffers<R>,
 }
 
 impl<R: Lanes> Job<R> for Substep<'_, R> {
@@ -220,33 +285,67 @@ impl<R: Lanes> Job<R> for Substep<'_, R> {
     fn run(self) {
         let (input, state) = (self.bench.input(), (&self.bench.x[..PARTICLES], &self.bench.v0[..]));
         let (rest, params, constants) = (input.rest, &input.params, &input.constants);
-        if R::COUNT > 1 {
-            fused::advance(rest, params, constants, state, input.path, self.factors, self.out);
-        } else {
-            window::advance(rest, params, constants, state, input.path, self.factors, self.out);
+        let Buffers { a, x1, v1, matrix, rhs } = self.buffers;
+        match (self.piece, R::COUNT > 1) {
+            (Piece::Forces, _) => fused::forces(rest, params, constants, state, v1),
+            (Piece::Assembly, true) => fused::assemble(rest, params, constants, state, a, v1),
+            (Piece::Assembly, false) => system::assemble(rest, params, constants, state, a, v1),
+            (Piece::FactorAndSolve, packs) => {
+                // Both overwrite what they are given.
+                a.copy_from_slice(matrix);
+                v1.copy_from_slice(rhs);
+                if packs {
+                    fused::factor_and_solve(constants, input.path, state.0, a, v1);
+                } else {
+                    window::solve(constants, input.path, state.0, a, v1);
+                }
+            }
+            (Piece::Whole, true) => fused::advance(rest, params, constants, state, input.path, a, (x1, v1)),
+            (Piece::Whole, false) => window::advance(rest, params, constants, state, input.path, a, (x1, v1)),
         }
     }
 }
 
-/// Times substep, forward run and gradient \[ms per problem\].
+/// Options of the bench's window fits.
+fn fit_options() -> RefineOptions {
+    RefineOptions { window_frames: SPAN, ..Default::default() }
+}
+
+/// Does `work` with the scene's strand in every lane, cleaned; gives the windows of a pass.
+fn with_fitting<R: Kernels>(scene: &Scene, work: impl FnOnce(&mut Fitting<R>)) -> usize {
+    let (take, options) = (scene.take(), fit_options());
+    let prepared: Vec<_> = scene.tracks(1).iter().filter_map(|t| track::prepare(t, &take, &options)).collect();
+    let lanes: Vec<&track::Prepared> = (0..R::COUNT).filter_map(|_| prepared.first()).collect();
+    let mut fitting = Fitting::<R>::new(&lanes, &take, &options);
+    work(&mut fitting);
+    fitting.windows()
+}
+
+/// Times the kernels \[ms per problem\].
 struct Kernel<'a>(&'a Scene);
 
 impl LaneTask for Kernel<'_> {
-    type Output = [f64; 3];
-    fn run<R: Kernels>(self) -> [f64; 3] {
+    type Output = [f64; KERNELS.len()];
+    fn run<R: Kernels>(self) -> Self::Output {
         let bench = Bench::<R>::new(self.0);
         let mut w = WindowWorkspace::new(PARTICLES, SPAN * SPAN);
-        let mut factors = vec![crate::band::zero_row(); PARTICLES];
-        let (mut x1, mut v1) = (vec![zero3(); PARTICLES], vec![zero3(); PARTICLES]);
-        let per = 1.0 / R::COUNT as f64;
-        let substep = time(REPEATS, || {
-            for _ in 0..100 {
-                R::call(Substep { bench: &bench, factors: &mut factors, out: (&mut x1, &mut v1) });
-            }
+        let mut buffers = Buffers::new(&bench);
+        let [forces, assembly, solve, substep] = PIECES.map(|piece| {
+            let ms = time(REPEATS, || {
+                for _ in 0..100 {
+                    R::call(Substep { piece, bench: &bench, buffers: &mut buffers });
+                }
+            });
+            ms / 100.0
         });
-        let forward = time(REPEATS, || (0..4).for_each(|_| R::simulate(&bench.input(), &mut w)));
-        let gradient = time(REPEATS, || (0..4).for_each(|_| R::evaluate(&bench.input(), &mut w)));
-        [substep / 100.0 * per, forward / 4.0 * per, gradient / 4.0 * per]
+        let forward = time(REPEATS, || (0..4).for_each(|_| R::simulate(&bench.input(), &mut w))) / 4.0;
+        let gradient = time(REPEATS, || (0..4).for_each(|_| R::evaluate(&bench.input(), &mut w))) / 4.0;
+        let mut pass = f64::NAN;
+        let windows = with_fitting::<R>(self.0, |fitting| {
+            let cleaned = fitting.cleaned().to_vec();
+            pass = time(FIT_REPEATS, || drop(fitting.pass(&cleaned, false)));
+        });
+        [forces, assembly, solve, substep, forward, gradient, pass / windows as f64].map(|ms| ms / R::COUNT as f64)
     }
 }
 
@@ -254,7 +353,7 @@ impl LaneTask for Kernel<'_> {
 struct Wide<'a>(&'a Scene);
 
 impl LaneTask for Wide<'_> {
-    type Output = ([f64; 3], usize, f64);
+    type Output = ([f64; KERNELS.len()], usize, f64);
     fn run<R: Kernels>(self) -> Self::Output {
         let ms = time(REPEATS, || {
             std::hint::black_box(R::call(Peak(R::splat(std::hint::black_box(0.5)))));
@@ -289,19 +388,28 @@ impl<R: Lanes> Job<R> for Peak<R> {
     }
 }
 
-/// Operations of the kernels, counted.
-fn counts(scene: &Scene) -> [u64; 3] {
+/// Operations of the kernels, counted. Those on single lanes (a few for each window's parameters) are not.
+fn counts(scene: &Scene) -> [u64; KERNELS.len()] {
     let bench = Bench::<Counted>::new(scene);
     let mut w = WindowWorkspace::new(PARTICLES, SPAN * SPAN);
-    let mut factors = vec![crate::band::zero_row(); PARTICLES];
-    let (mut x1, mut v1) = (vec![zero3(); PARTICLES], vec![zero3(); PARTICLES]);
+    let mut buffers = Buffers::new(&bench);
     take_operations();
-    Substep { bench: &bench, factors: &mut factors, out: (&mut x1, &mut v1) }.run();
-    let substep = take_operations();
+    let [forces, assembly, solve, substep] = PIECES.map(|piece| {
+        Substep { piece, bench: &bench, buffers: &mut buffers }.run();
+        take_operations()
+    });
     window::simulate(&bench.input(), &mut w);
     let forward = take_operations();
     window::evaluate(&bench.input(), &mut w);
-    [substep, forward, take_operations()]
+    let gradient = take_operations();
+    let mut pass = 0;
+    let windows = with_fitting::<Counted>(scene, |fitting| {
+        let cleaned = fitting.cleaned().to_vec();
+        take_operations();
+        drop(fitting.pass(&cleaned, false));
+        pass = take_operations();
+    });
+    [forces, assembly, solve, substep, forward, gradient, pass / windows as u64]
 }
 
 /// Milliseconds of one strand, refined in a full pack on one thread.

@@ -49,20 +49,9 @@ pub fn advance<R: Lanes>(
     let identity = s.dt.mul_add(params.0[8], R::splat(1.0));
     let per_step = R::splat(1.0) / s.dt;
     for i in 0..n {
-        v1[i] = axpy(s.dt, s.gravity, v[i]);
+        springs(rest, params, s, (x, v), (identity, i), a, v1);
         if i >= 3 {
-            let mut t = tetrahedron(rest, params, s, x, i - 3);
-            pair(rest, params, s, x, (1, i), &mut t);
-            pair(rest, params, s, x, (2, i), &mut t);
-            pair(rest, params, s, x, (3, i), &mut t);
-            scatter(&t, identity, i, a, v1);
             finish_row(s, per_step, path, x, i - 3, a, v1);
-        } else {
-            let mut t = empty();
-            for order in 1..=i {
-                pair(rest, params, s, x, (order, i), &mut t);
-            }
-            scatter_first(&t, identity, i, a, v1);
         }
     }
     for i in n.saturating_sub(3)..n {
@@ -71,6 +60,94 @@ pub fn advance<R: Lanes>(
     back_substitute(a, s.kinematic, v1);
     for i in 0..n {
         x1[i] = if i < s.kinematic { path[i] } else { axpy(s.dt, v1[i], x[i]) };
+    }
+}
+
+/// The springs of [`advance`] alone: writes the whole system before anything is factored. For timing.
+#[inline(always)]
+pub(crate) fn assemble<R: Lanes>(
+    rest: &LaneRest<R>,
+    params: &LaneParams<R>,
+    s: &StepConstants<R>,
+    (x, v): (&[V3<R>], &[V3<R>]),
+    a: &mut [BlockRow<R>],
+    q: &mut [V3<R>],
+) {
+    let n = rest.n;
+    let (x, v, a, q) = (&x[..n], &v[..n], &mut a[..n], &mut q[..n]);
+    let identity = s.dt.mul_add(params.0[8], R::splat(1.0));
+    for i in 0..n {
+        springs(rest, params, s, (x, v), (identity, i), a, q);
+    }
+}
+
+/// The rest of [`advance`]: factors and solves what [`assemble`] wrote. For timing.
+#[inline(always)]
+pub(crate) fn factor_and_solve<R: Lanes>(
+    s: &StepConstants<R>,
+    path: &[V3<R>],
+    x: &[V3<R>],
+    a: &mut [BlockRow<R>],
+    y: &mut [V3<R>],
+) {
+    let n = a.len();
+    let (x, y) = (&x[..n], &mut y[..n]);
+    let per_step = R::splat(1.0) / s.dt;
+    for i in 0..n {
+        finish_row(s, per_step, path, x, i, a, y);
+    }
+    back_substitute(a, s.kinematic, y);
+}
+
+/// The impulses of gravity and of all springs at the state (x, v), added to v, without any matrix. For timing.
+#[inline(always)]
+pub(crate) fn forces<R: Lanes>(
+    rest: &LaneRest<R>,
+    params: &LaneParams<R>,
+    s: &StepConstants<R>,
+    (x, v): (&[V3<R>], &[V3<R>]),
+    q: &mut [V3<R>],
+) {
+    let n = rest.n;
+    let (x, v, q) = (&x[..n], &v[..n], &mut q[..n]);
+    for i in 0..n {
+        q[i] = axpy(s.dt, s.gravity, v[i]);
+        if i >= 3 {
+            let (_, p) = pulls(rest, params, s, x, i - 3);
+            q[i - 3] = add(q[i - 3], add(p[0], add(p[1], p[2])));
+            (q[i - 2], q[i - 1], q[i]) = (sub(q[i - 2], p[0]), sub(q[i - 1], p[1]), sub(q[i], p[2]));
+        }
+        for order in 1..=i.min(3) {
+            let impulse = stretch(rest, params, s, x, (order, i)).impulse;
+            (q[i - order], q[i]) = (add(q[i - order], impulse), sub(q[i], impulse));
+        }
+    }
+}
+
+/// Begins row i with the identity's factor, and adds all springs that end in particle i.
+#[inline(always)]
+fn springs<R: Lanes>(
+    rest: &LaneRest<R>,
+    params: &LaneParams<R>,
+    s: &StepConstants<R>,
+    (x, v): (&[V3<R>], &[V3<R>]),
+    (identity, i): (R, usize),
+    a: &mut [BlockRow<R>],
+    q: &mut [V3<R>],
+) {
+    q[i] = axpy(s.dt, s.gravity, v[i]);
+    if i >= 3 {
+        let mut t = tetrahedron(rest, params, s, x, i - 3);
+        pair(rest, params, s, x, (1, i), &mut t);
+        pair(rest, params, s, x, (2, i), &mut t);
+        pair(rest, params, s, x, (3, i), &mut t);
+        scatter(&t, identity, i, a, q);
+    } else {
+        let mut t = empty();
+        for order in 1..=i {
+            pair(rest, params, s, x, (order, i), &mut t);
+        }
+        scatter_first(&t, identity, i, a, q);
     }
 }
 
@@ -89,7 +166,36 @@ fn empty<R: Lanes>() -> Stencil<R> {
     }
 }
 
-/// The spring of this order that ends in particle j = d.
+/// A pair spring.
+struct Stretch<R> {
+    /// Unit vector along it.
+    n: V3<R>,
+    /// One over its length.
+    inverse: R,
+    /// At rest.
+    l0: R,
+    k: R,
+    /// On its first particle; the second gets the opposite.
+    impulse: V3<R>,
+}
+
+/// The spring of this order that ends in particle j.
+#[inline(always)]
+fn stretch<R: Lanes>(
+    rest: &LaneRest<R>,
+    p: &LaneParams<R>,
+    s: &StepConstants<R>,
+    x: &[V3<R>],
+    (order, j): (usize, usize),
+) -> Stretch<R> {
+    let i = j - order;
+    let k = rest.on[order - 1][i] * p.0[order - 1];
+    let (n, length, inverse) = direction(x[i], x[j]);
+    let l0 = rest.lengths[order - 1][i];
+    Stretch { n, inverse, l0, k, impulse: scale(s.dt * k * (length - l0), n) }
+}
+
+/// Adds the spring of this order that ends in particle j = d.
 #[inline(always)]
 fn pair<R: Lanes>(
     rest: &LaneRest<R>,
@@ -99,11 +205,8 @@ fn pair<R: Lanes>(
     (order, j): (usize, usize),
     t: &mut Stencil<R>,
 ) {
-    let i = j - order;
-    let on = rest.on[order - 1][i];
-    let (k, c) = (on * p.0[order - 1], on * p.0[order + 3]);
-    let (n, length, inverse) = direction(x[i], x[j]);
-    let l0 = rest.lengths[order - 1][i];
+    let Stretch { n, inverse, l0, k, impulse, .. } = stretch(rest, p, s, x, (order, j));
+    let c = rest.on[order - 1][j - order] * p.0[order + 3];
     let slack = (R::splat(1.0) - l0 * inverse).at_least_zero() * s.transverse;
     let dt2k = s.dt * s.dt * k;
     let across = dt2k * slack;
@@ -116,7 +219,6 @@ fn pair<R: Lanes>(
         an[2] * n[1],
         an[2].mul_add(n[2], across),
     ];
-    let impulse = scale(s.dt * k * (length - l0), n);
     let other = 3 - order;
     for e in 0..6 {
         t.diagonal[3][e] += b[e];
@@ -135,6 +237,27 @@ fn pair<R: Lanes>(
     t.impulse[3] = sub(t.impulse[3], impulse);
 }
 
+/// Gradients of the seven heights of particles i..i+4 by the three edges, and what their springs pull on b, c, d.
+#[inline(always)]
+fn pulls<R: Lanes>(
+    rest: &LaneRest<R>,
+    p: &LaneParams<R>,
+    s: &StepConstants<R>,
+    x: &[V3<R>],
+    i: usize,
+) -> ([[V3<R>; 3]; 7], [V3<R>; 3]) {
+    let (h, g) = altitude_gradients([x[i], x[i + 1], x[i + 2], x[i + 3]], rest.epsilon2);
+    let dtk = s.dt * (rest.on[2][i] * p.0[3]);
+    let mut pull = [zero3::<R>(); 3];
+    for t in 0..7 {
+        let f = dtk * (h[t] - rest.altitudes[i][t]);
+        pull[0] = axpy(f, g[t][0], pull[0]);
+        pull[1] = axpy(f, g[t][1], pull[1]);
+        pull[2] = axpy(f, g[t][2], pull[2]);
+    }
+    (g, pull)
+}
+
 /// The seven altitude springs of particles i..i+4.
 #[inline(always)]
 fn tetrahedron<R: Lanes>(
@@ -144,18 +267,10 @@ fn tetrahedron<R: Lanes>(
     x: &[V3<R>],
     i: usize,
 ) -> Stencil<R> {
+    let (g, pull) = pulls(rest, p, s, x, i);
     let on = rest.on[2][i];
     let (k, c) = (on * p.0[3], on * p.0[7]);
-    let (h, g) = altitude_gradients([x[i], x[i + 1], x[i + 2], x[i + 3]], rest.epsilon2);
     let weight = s.dt.mul_add(s.dt * k, s.dt * c);
-    let dtk = s.dt * k;
-    let mut pull = [zero3::<R>(); 3];
-    for t in 0..7 {
-        let f = dtk * (h[t] - rest.altitudes[i][t]);
-        pull[0] = axpy(f, g[t][0], pull[0]);
-        pull[1] = axpy(f, g[t][1], pull[1]);
-        pull[2] = axpy(f, g[t][2], pull[2]);
-    }
     let (m11, m22, m33) = (square(&g, 0, weight), square(&g, 1, weight), square(&g, 2, weight));
     let (m21, m31, m32) = (product(&g, 1, 0, weight), product(&g, 2, 0, weight), product(&g, 2, 1, weight));
     let mut t = empty();
@@ -435,7 +550,14 @@ mod tests {
                     (x1, v1, y)
                 };
                 let (one, two) = (run(true), run(false));
-                for (a, b) in [(&one.0, &two.0), (&one.1, &two.1), (&one.2, &two.2)] {
+                // The pieces that are timed: one after the other they are the step, and the forces are its right-hand side.
+                let (mut a, mut q) = (vec![zero_row(); n], vec![zero3(); n]);
+                let (mut pulled, mut wanted) = (vec![zero3(); n], vec![zero3(); n]);
+                forces(&rest, &params, &s, (&x, &v), &mut pulled);
+                crate::system::assemble(&rest, &params, &s, (&x, &v), &mut a.clone(), &mut wanted);
+                assemble(&rest, &params, &s, (&x, &v), &mut a, &mut q);
+                factor_and_solve(&s, &path, &x, &mut a, &mut q);
+                for (a, b) in [(&one.0, &two.0), (&one.1, &two.1), (&one.2, &two.2), (&q, &two.1), (&pulled, &wanted)] {
                     for (a, b) in a.as_flattened().iter().zip(b.as_flattened()) {
                         assert!((a - b).abs() < 1e-9 * (1.0 + b.abs()), "{n} {fixed}: {a} {b}");
                     }

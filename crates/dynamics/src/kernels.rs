@@ -139,6 +139,7 @@ macro_rules! kernels {
 
 kernels!(f64);
 kernels!(Portable);
+kernels!(crate::counted::Counted);
 #[cfg(target_arch = "x86_64")]
 kernels!(crate::lanes_x86::F32x16, "avx512f,avx512dq,avx512vl,avx2,fma");
 #[cfg(target_arch = "x86_64")]

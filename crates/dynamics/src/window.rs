@@ -100,6 +100,21 @@ pub fn advance<R: Lanes>(
     (x1, v1): (&mut [V3<R>], &mut [V3<R>]),
 ) {
     system::assemble(rest, params, s, (x, v), a, v1);
+    solve(s, path, x, a, v1);
+    for i in 0..rest.n {
+        x1[i] = if i < s.kinematic { path[i] } else { axpy(s.dt, v1[i], x[i]) };
+    }
+}
+
+/// Factors and solves the assembled system in place, with the kinematic particles going to `path`.
+#[inline(always)]
+pub(crate) fn solve<R: Lanes>(
+    s: &StepConstants<R>,
+    path: &[V3<R>],
+    x: &[V3<R>],
+    a: &mut [BlockRow<R>],
+    v1: &mut [V3<R>],
+) {
     let per_step = R::splat(1.0) / s.dt;
     for i in 0..s.kinematic {
         v1[i] = scale(per_step, sub(path[i], x[i]));
@@ -107,9 +122,6 @@ pub fn advance<R: Lanes>(
     system::condense(a, s.kinematic, v1);
     band::factor(a, s.kinematic);
     band::solve(a, s.kinematic, v1);
-    for i in 0..rest.n {
-        x1[i] = if i < s.kinematic { path[i] } else { axpy(s.dt, v1[i], x[i]) };
-    }
 }
 
 /// Runs the window forward and leaves φ, states and factors in the workspace.

@@ -272,3 +272,99 @@ fn window_gradients_match_central_differences() {
     part(9..9 + free);
     part(9 + free..9 + 2 * free);
 }
+
+/// Standard deviations of the log parameters, meaned over strands.
+fn deviations(refined: &[Refined]) -> [f64; 4] {
+    let each: Vec<[f64; 4]> = refined.iter().map(|r| r.deviations().expect("fitted by Gauss–Newton")).collect();
+    std::array::from_fn(|a| each.iter().map(|d| d[a]).sum::<f64>() / each.len() as f64)
+}
+
+/// Short strands and half the frames: enough for what is asked of the parameters' certainty.
+fn short() -> Scene {
+    Scene { n: 20, frames: 30, ..Scene::default() }
+}
+
+#[test]
+fn covariance_shrinks_with_frames_and_grows_with_noise() {
+    let at = |frames: usize, sigma: f64| {
+        let truths = truths(Scene { frames, ..short() });
+        deviations(&refined(&truths, &with_noise(&truths, sigma)))
+    };
+    let (few, many, clear) = (at(30, 3.0), at(60, 3.0), at(30, 1.0));
+    for a in 0..4 {
+        assert!(many[a] < 0.8 * few[a], "parameter {a}: {few:.3?} in 30 frames, {many:.3?} in 60");
+        assert!(clear[a] < 0.6 * few[a], "parameter {a}: {few:.3?} with 3 mm of noise, {clear:.3?} with 1 mm");
+    }
+}
+
+#[test]
+fn what_the_motion_excites() {
+    let shaken = truths(short());
+    let out = refined(&shaken, &with_noise(&shaken, 3.0));
+    let excited = |out: &[Refined], a: usize| out.iter().filter(|r| r.excited().is_some_and(|e| e[a])).count();
+    assert_eq!(excited(&out, 3), SEEDS as usize, "drag of shaken strands: {:.3?}", deviations(&out));
+    // Hanging straight down and still: what is left are the errors of the positions that windows start from.
+    let still = truths(Scene { shake: 0.0, shape: Shape::Straight, ..short() });
+    let out = refined(&still, &with_noise(&still, 3.0));
+    let most = (0..4).map(|a| excited(&out, a)).max().unwrap_or(0);
+    assert!(most <= 1, "{most} of {SEEDS} strands that stand still excite a parameter");
+    let wide = deviations(&out);
+    assert!(wide.iter().all(|d| *d > 1.0), "{wide:.3?} on strands that stand still");
+    let range = RefineOptions::default().log_range / 3f64.sqrt();
+    assert!(wide.iter().all(|d| *d <= range), "{wide:.3?} beyond what the range of the parameters allows");
+}
+
+#[test]
+fn the_simulation_foretells_better_than_kept_velocities() {
+    for scene in [short(), Scene { n: 20, frames: 30, ..Scene::fast() }] {
+        let truths = truths(scene);
+        let out = refined(&truths, &with_noise(&truths, 3.0));
+        let held_out = |k: usize| mean(|i| out[i].held_out_mm.map_or(f64::NAN, |pair| pair[k]));
+        let (simulated, extrapolated) = (held_out(0), held_out(1));
+        // The samples' own noise is √3 · 3 mm, whatever is foretold.
+        assert!(simulated > 4.9 && simulated < 6.5, "{simulated:.3} mm");
+        let [own, plain] = [simulated, extrapolated].map(|d| d * d - 27.0);
+        assert!(own < 0.9 * plain, "less the noise: {own:.2} mm² simulated, {plain:.2} mm² extrapolated");
+    }
+}
+
+#[test]
+fn certainty_does_not_depend_on_threads() {
+    let truth = simulate(&Scene { frames: 16, n: 12, ..Scene::default() });
+    let tracks: Vec<Track> = (0..40).map(|seed| noisy(&truth, 2.0, seed)).collect();
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| refine(&tracks, &take(&truth), &RefineOptions::default()))
+    };
+    let (one, three) = (on(1), on(3));
+    assert_eq!(one, three);
+    let first = one[0].as_ref().expect("refined");
+    let (covariance, held_out) = (first.covariance.expect("by Gauss–Newton"), first.held_out_mm.expect("foretold"));
+    assert!(covariance.as_flattened().iter().chain(&held_out).all(|v| v.is_finite()));
+    // The search has no such matrix, but foretells all the same.
+    let search = RefineOptions { newton_steps: 0, ..Default::default() };
+    let searched = refine(&tracks[..1], &take(&truth), &search);
+    let searched = searched[0].as_ref().expect("refined");
+    assert!(searched.covariance.is_none() && searched.held_out_mm.is_some());
+    let letter = RefineOptions { letter: true, ..Default::default() };
+    let printed = refine(&tracks[..1], &take(&truth), &letter);
+    let printed = printed[0].as_ref().expect("refined");
+    assert!(printed.covariance.is_none() && printed.held_out_mm.is_none());
+}
+
+/// The bar of the table of `joint_table both`, on strands short enough for a test.
+#[test]
+fn packs_keep_the_error_of_scalar_doubles() {
+    for shape in [Shape::Straight, Shape::Wavy, Shape::Helix] {
+        let truths = truths(Scene { shape, ..short() });
+        let tracks = with_noise(&truths, 3.0);
+        let options = RefineOptions::default();
+        let of = |out: Vec<Option<Refined>>| {
+            let each = |k: usize| out[k].as_ref().map_or(f64::NAN, |r| error(&r.points, &truths[k], ALL));
+            mean(each)
+        };
+        let packs = of(refine(&tracks, &take(&truths[0]), &options));
+        let doubles = of(refine_on::<f64>(&tracks, &take(&truths[0]), &options));
+        assert!((packs / doubles - 1.0).abs() < 0.03, "{shape:?}: {packs:.4} mm by packs, {doubles:.4} mm by doubles");
+    }
+}

@@ -110,6 +110,13 @@ pub struct Refined {
     /// Windows of all passes: fitted, stopped where the last step made nothing better (or at the limit of the quasi-Newton
     /// search), failed (and replaced by the cleaned state).
     pub windows: [usize; 3],
+    /// Covariance of the logarithms of bend, torsion and altitude stiffness and drag, from the windows of the last pass; no
+    /// variance exceeds `log_range`² / 3. None without Gauss–Newton. [`windows`] says how it comes about.
+    pub covariance: Option<[[f64; 4]; 4]>,
+    /// Root mean square distance to the samples of frames that the windows before them had not seen \[mm\], weighted by
+    /// trust: of the simulation, and of velocities kept from where the fitted windows end. Holds the samples' own noise.
+    /// None where no such frame has a sample.
+    pub held_out_mm: Option<[f64; 2]>,
 }
 
 /// Refines strands. Strands without any usable sample come back as `None`, in the order of the input.

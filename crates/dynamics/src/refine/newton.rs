@@ -35,7 +35,11 @@ const RENEWAL: usize = 4;
 /// The parameters that a step moves: bend, torsion and altitude stiffness, and drag. The motion says next to nothing about
 /// edge stiffness and damping time (METHOD §5); held where they start, no row of the table gets worse and S costs a third
 /// less.
-const EXCITED: [usize; 4] = [1, 2, 3, 5];
+pub(super) const EXCITED: [usize; 4] = [1, 2, 3, 5];
+/// Sweeps over the linearised steps that a fit of one step takes: its own solve, and its share of a renewal.
+pub(super) const SWEEPS: usize = 2 * GRADIENTS + EXCITED.len() * (2 * GRADIENTS + 1) / RENEWAL;
+/// Simulations that renewals cost each window.
+pub(super) const RENEWING: usize = EXCITED.len() / RENEWAL;
 /// Step of the differences in a log parameter.
 const DIFFERENCE: f64 = 0.2;
 /// What remains of the knowledge about θ from one window to the next.
@@ -103,6 +107,8 @@ struct Place {
     /// The step from `theta`.
     way: [f64; THETA],
     value: f64,
+    /// The mean squared distance alone \[mm²\].
+    distance: f64,
     /// Whether the last step was taken.
     taken: bool,
 }
@@ -111,7 +117,7 @@ impl Place {
     fn new(theta: [f64; THETA], known: Six, value: f64) -> Self {
         let mut prior = known;
         (0..THETA).for_each(|a| prior[a][a] += HOLD * value);
-        Self { theta, anchor: theta, prior, way: [0.0; THETA], value, taken: true }
+        Self { theta, anchor: theta, prior, way: [0.0; THETA], value, distance: value, taken: true }
     }
 
     /// P (θ − θ₀).
@@ -188,6 +194,7 @@ impl<R: Kernels> Window<R> {
             state.count((!failed[lane]).then_some((&places[lane].theta, places[lane].taken)));
             if !failed[lane] {
                 remember(&mut state.known, &newton.schur[lane]);
+                state.tally.add(&self.counts[lane], places[lane].distance, &newton.schur[lane]);
             }
         }
         failed
@@ -320,6 +327,8 @@ impl<R: Kernels> Window<R> {
             let from = workspace.positions((frame + 1) * options.substeps);
             R::call(Keep { accept: taken, from, to: &mut self.best[frame * n..(frame + 1) * n] });
         }
+        let from = workspace.velocities(self.span * options.substeps);
+        R::call(Keep { accept: taken, from, to: &mut self.end_v });
     }
 }
 
@@ -341,7 +350,7 @@ fn judge<R: Kernels>(
         let value = workspace.value.get(lane) + prior * change + place.penalty(&tried);
         place.taken = value.is_finite() && value < place.value;
         if place.taken {
-            (place.value, place.theta) = (value, tried);
+            (place.value, place.distance, place.theta) = (value, workspace.value.get(lane), tried);
         }
         taken.set(lane, if place.taken { 1.0 } else { -1.0 });
     }

@@ -78,6 +78,7 @@ impl<R: Kernels> Window<R> {
             let from = workspace.positions((frame + 1) * options.substeps);
             self.best[frame * n..(frame + 1) * n].copy_from_slice(from);
         }
+        self.end_v.copy_from_slice(workspace.velocities(self.span * options.substeps));
         failed
     }
 

@@ -1,7 +1,10 @@
 //! Windows over a bundle in lockstep: every lane fits its own strand, all lanes evaluate together.
 
+mod certainty;
+
 use glam::DVec3;
 
+use self::certainty::{Count, Tally};
 use crate::{
     kernels::Kernels,
     lanes::{V3, zero3},
@@ -11,7 +14,7 @@ use crate::{
         bundle::{Bundle, set},
         clean::clean,
         filter,
-        newton::Newton,
+        newton::{self, Newton},
         track::Prepared,
     },
     window::{WindowInput, WindowWorkspace},
@@ -25,45 +28,53 @@ const FAILED_SHARE: f64 = 0.15;
 /// See [`FAILED_SHARE`] \[mm\].
 const FAILED_LEAST_MM: f64 = 10.0;
 
+/// Sweeps over linearised steps, and simulations for renewals, of one window's fit.
+pub(crate) const LINEAR_SWEEPS: usize = newton::SWEEPS;
+/// See [`LINEAR_SWEEPS`].
+pub(crate) const RENEWING_RUNS: usize = newton::RENEWING;
+
 /// Samples and their weights in lanes, shape (T, n).
 struct Samples<R> {
     points: Vec<V3<R>>,
     weights: Vec<f64>,
 }
 
+/// The strands of one bundle on their way through the passes.
+pub(crate) struct Fitting<'a, R> {
+    bundle: Bundle<R>,
+    take: &'a Take<'a>,
+    options: &'a RefineOptions,
+    /// Frames of a window.
+    span: usize,
+    cleaned: Vec<V3<R>>,
+    samples: Samples<R>,
+    states: Vec<LaneState>,
+    workspace: WindowWorkspace<R>,
+}
+
 /// Refines the strands of one bundle.
 pub fn refine_bundle<R: Kernels>(lanes: &[&Prepared], take: &Take, options: &RefineOptions) -> Vec<Refined> {
-    let bundle = Bundle::<R>::new(lanes, take, options);
-    let (n, frames) = (bundle.n, bundle.frames);
-    let span = options.window_frames.min(frames.saturating_sub(1));
-    let mut workspace = WindowWorkspace::new(n, (span * options.substeps).max(options.substeps).max(1));
-    let cleaned = clean(&bundle, lanes, take, options, &mut workspace);
-    let mut x = cleaned.clone();
-    let mut states: Vec<LaneState> = lanes.iter().map(|_| LaneState::new(options)).collect();
+    let mut fitting = Fitting::<R>::new(lanes, take, options);
+    let (n, frames) = (fitting.bundle.n, fitting.bundle.frames);
+    let mut x = fitting.cleaned.clone();
     let mut scratch = Vec::with_capacity(n);
-    if span > 0 && n > bundle.fixed {
-        let mut samples = samples_of(&bundle, lanes, take, &cleaned);
-        for _ in 0..options.outer_passes {
-            states.iter_mut().for_each(LaneState::begin_pass);
-            let average = pass_over(&bundle, &samples, &x, span, take, options, &mut states, &mut workspace);
-            x = average;
+    if fitting.windows() > 0 {
+        for pass in 0..options.outer_passes {
+            x = fitting.pass(&x, pass + 1 == options.outer_passes);
             // Frame 0 is reached by no window.
-            x[..n].copy_from_slice(&cleaned[..n]);
+            x[..n].copy_from_slice(&fitting.cleaned[..n]);
             if options.letter {
-                samples.points.copy_from_slice(&x);
+                fitting.samples.points.copy_from_slice(&x);
             } else {
-                for t in 0..frames {
-                    bundle.finish(t, &mut x[t * n..(t + 1) * n], &mut scratch, &mut workspace);
-                }
+                fitting.finish(&mut x, &mut scratch);
             }
         }
-    }
-    if span > 0 && n > bundle.fixed && !options.letter {
-        add_structure(&bundle, lanes, take, &mut x);
-        for t in 0..frames {
-            bundle.finish(t, &mut x[t * n..(t + 1) * n], &mut scratch, &mut workspace);
+        if !options.letter {
+            add_structure(&fitting.bundle, lanes, take, &mut x);
+            fitting.finish(&mut x, &mut scratch);
         }
     }
+    let Fitting { bundle, cleaned, states, span, .. } = fitting;
     (0..lanes.len())
         .map(|lane| {
             let of_lane = |x: &[V3<R>]| -> Vec<DVec3> {
@@ -77,9 +88,22 @@ pub fn refine_bundle<R: Kernels>(lanes: &[&Prepared], take: &Take, options: &Ref
                     *point = *fallback;
                 }
             }
-            Refined { points, cleaned, params: states[lane].mean_params(options), windows: states[lane].windows }
+            let state = &states[lane];
+            Refined {
+                points,
+                cleaned,
+                params: state.mean_params(options),
+                windows: state.windows,
+                covariance: by_newton(options).then(|| state.tally.covariance(span, options)),
+                held_out_mm: state.tally.held_out_mm(),
+            }
         })
         .collect()
+}
+
+/// Whether the windows are fitted by Gauss–Newton.
+fn by_newton(options: &RefineOptions) -> bool {
+    options.newton_steps > 0 && !options.letter
 }
 
 /// Noise per coordinate at which samples and refinement count alike \[mm\]. Strands without noise keep their samples; those
@@ -136,6 +160,8 @@ pub(super) struct LaneState {
     sum: [f64; 6],
     fitted: usize,
     windows: [usize; 3],
+    /// What this pass says about certainty.
+    pub(super) tally: Tally,
 }
 
 impl LaneState {
@@ -147,6 +173,7 @@ impl LaneState {
             sum: [0.0; 6],
             fitted: 0,
             windows: [0; 3],
+            tally: Tally::default(),
         }
     }
 
@@ -163,7 +190,7 @@ impl LaneState {
     }
 
     fn begin_pass(&mut self) {
-        (self.sum, self.fitted) = ([0.0; 6], 0);
+        (self.sum, self.fitted, self.tally) = ([0.0; 6], 0, Tally::default());
     }
 
     fn mean_params(&self, options: &RefineOptions) -> Params {
@@ -171,58 +198,84 @@ impl LaneState {
     }
 }
 
-/// Fits all windows of one pass and averages what they predict, shape (T, n).
-#[allow(clippy::too_many_arguments)] // one pass over one bundle
-fn pass_over<R: Kernels>(
-    bundle: &Bundle<R>,
-    samples: &Samples<R>,
-    x: &[V3<R>],
-    span: usize,
-    take: &Take,
-    options: &RefineOptions,
-    states: &mut [LaneState],
-    workspace: &mut WindowWorkspace<R>,
-) -> Vec<V3<R>> {
-    let (n, frames) = (bundle.n, bundle.frames);
-    let mut sum = x.to_vec();
-    let mut count = vec![0.0; frames];
-    let mut window = Window::new(bundle, span);
-    let mut newton = Newton::new(n, span);
-    for start in 0..frames - span {
-        window.begin(bundle, samples, x, start, take, options);
-        let failed = if options.newton_steps > 0 && !options.letter {
-            window.fit_newton(bundle, start, options, states, &mut newton, workspace)
-        } else {
-            window.fit_search(bundle, start, options, states, workspace)
-        };
-        for frame in 1..=span {
-            let t = start + frame;
-            let simulated = &window.best[(frame - 1) * n..frame * n];
-            let first = count[t] == 0.0;
-            count[t] += 1.0;
-            for i in 0..n {
-                let mut point = simulated[i];
-                // A lane that failed keeps its start state.
-                for (lane, failed) in failed.iter().enumerate().take(states.len()) {
-                    if *failed {
-                        let kept = bundle.get(&x[t * n + i], lane) - bundle.origins[lane];
-                        set(&mut point, lane, kept);
+impl<'a, R: Kernels> Fitting<'a, R> {
+    /// Puts the strands into lanes and cleans them.
+    pub(crate) fn new(lanes: &[&Prepared], take: &'a Take<'a>, options: &'a RefineOptions) -> Self {
+        let bundle = Bundle::<R>::new(lanes, take, options);
+        let span = options.window_frames.min(bundle.frames.saturating_sub(1));
+        let mut workspace = WindowWorkspace::new(bundle.n, (span * options.substeps).max(options.substeps).max(1));
+        let cleaned = clean(&bundle, lanes, take, options, &mut workspace);
+        let samples = samples_of(&bundle, lanes, take, &cleaned);
+        let states = lanes.iter().map(|_| LaneState::new(options)).collect();
+        Self { bundle, take, options, span, cleaned, samples, states, workspace }
+    }
+
+    /// Windows of a pass.
+    pub(crate) fn windows(&self) -> usize {
+        if self.bundle.n > self.bundle.fixed && self.span > 0 { self.bundle.frames - self.span } else { 0 }
+    }
+
+    /// The states after cleaning, shape (T, n).
+    pub(crate) fn cleaned(&self) -> &[V3<R>] {
+        &self.cleaned
+    }
+
+    /// Finishing prox of all frames.
+    fn finish(&mut self, x: &mut [V3<R>], scratch: &mut Vec<V3<R>>) {
+        for (t, frame) in x.chunks_exact_mut(self.bundle.n).enumerate() {
+            self.bundle.finish(t, frame, scratch, &mut self.workspace);
+        }
+    }
+
+    /// Fits all windows of one pass from the states `x` and averages what they predict, shape (T, n). The last pass also
+    /// foretells frames.
+    pub(crate) fn pass(&mut self, x: &[V3<R>], last: bool) -> Vec<V3<R>> {
+        let Self { bundle, take, options, span, samples, states, workspace, .. } = self;
+        let (n, frames, span) = (bundle.n, bundle.frames, *span);
+        states.iter_mut().for_each(LaneState::begin_pass);
+        let mut sum = x.to_vec();
+        let mut count = vec![0.0; frames];
+        let mut window = Window::new(bundle, span);
+        let mut newton = Newton::new(n, span);
+        for start in 0..frames - span {
+            window.begin(bundle, samples, x, start, take, options);
+            let failed = if by_newton(options) {
+                window.fit_newton(bundle, start, options, states, &mut newton, workspace)
+            } else {
+                window.fit_search(bundle, start, options, states, workspace)
+            };
+            if last && !options.letter {
+                window.foretell(bundle, samples, start, options, (states, &failed), workspace);
+            }
+            for frame in 1..=span {
+                let t = start + frame;
+                let simulated = &window.best[(frame - 1) * n..frame * n];
+                let first = count[t] == 0.0;
+                count[t] += 1.0;
+                for i in 0..n {
+                    let mut point = simulated[i];
+                    // A lane that failed keeps its start state.
+                    for (lane, failed) in failed.iter().enumerate().take(states.len()) {
+                        if *failed {
+                            let kept = bundle.get(&x[t * n + i], lane) - bundle.origins[lane];
+                            set(&mut point, lane, kept);
+                        }
                     }
-                }
-                let slot = &mut sum[t * n + i];
-                for axis in 0..3 {
-                    slot[axis] = if first { point[axis] } else { slot[axis] + point[axis] };
+                    let slot = &mut sum[t * n + i];
+                    for axis in 0..3 {
+                        slot[axis] = if first { point[axis] } else { slot[axis] + point[axis] };
+                    }
                 }
             }
         }
-    }
-    for t in 1..frames {
-        let share = R::splat(1.0 / f64::max(count[t], 1.0));
-        for slot in &mut sum[t * n..(t + 1) * n] {
-            *slot = slot.map(|axis| axis * share);
+        for t in 1..frames {
+            let share = R::splat(1.0 / f64::max(count[t], 1.0));
+            for slot in &mut sum[t * n..(t + 1) * n] {
+                *slot = slot.map(|axis| axis * share);
+            }
         }
+        sum
     }
-    sum
 }
 
 /// The window that all lanes are in, with its buffers.
@@ -238,6 +291,10 @@ pub(super) struct Window<R> {
     pub(super) gradient: Vec<f64>,
     /// Predicted frames of the best fit, shape (span, n).
     pub(super) best: Vec<V3<R>>,
+    /// Velocities in its last frame \[mm/s\], length n.
+    pub(super) end_v: Vec<V3<R>>,
+    /// What the weights of each lane hide.
+    pub(super) counts: Vec<Count>,
 }
 
 impl<R: Kernels> Window<R> {
@@ -253,6 +310,8 @@ impl<R: Kernels> Window<R> {
             end: vec![zero3(); n],
             gradient: Vec::new(),
             best: vec![zero3(); span * n],
+            end_v: vec![zero3(); n],
+            counts: vec![Count::default(); R::COUNT],
         }
     }
 
@@ -288,16 +347,18 @@ impl<R: Kernels> Window<R> {
         self.v0.copy_from_slice(&self.start_v);
         self.targets.copy_from_slice(&samples.points[(start + 1) * n..(start + 1 + self.span) * n]);
         // Aging weights by frame, normalised by the lane's total trust.
-        let aging = |frame: usize| (-0.5 * (frame as f64 / options.aging_frames).powi(2)).exp();
+        let aging: Vec<f64> =
+            (0..=self.span).map(|frame| (-0.5 * (frame as f64 / options.aging_frames).powi(2)).exp()).collect();
         for lane in 0..R::COUNT {
-            let at = |frame: usize, i: usize| {
-                let e = (start + frame) * n + i;
-                aging(frame) * samples.weights[e * R::COUNT + lane]
-            };
+            let trust = |frame: usize, i: usize| samples.weights[((start + frame) * n + i) * R::COUNT + lane];
+            let at = |frame: usize, i: usize| aging[frame] * trust(frame, i);
             let mut total = 0.0;
             for frame in 1..=self.span {
                 total += (bundle.fixed..n).map(|i| at(frame, i)).sum::<f64>();
             }
+            let seen = |i: usize| (1..=self.span).filter(|&frame| trust(frame, i) > 0.0).count();
+            let spare: usize = (bundle.fixed..n).map(|i| seen(i).saturating_sub(1)).sum();
+            self.counts[lane] = Count { trust: total, spare: spare as f64 };
             let norm = if total > 0.0 { 1.0 / total } else { 0.0 };
             for frame in 1..=self.span {
                 for i in 0..n {

@@ -70,6 +70,8 @@ pub struct Scene {
     pub radius_mm: f64,
     /// Angle of the strand at the root below the horizon \[radians\].
     pub tilt: f64,
+    /// How far the head turns, against ±46°.
+    pub shake: f64,
     /// What the strand is made of.
     pub params: Params,
     pub seed: u64,
@@ -102,15 +104,16 @@ impl Default for Scene {
             wind: 0.0,
             radius_mm: 90.0,
             tilt: std::f64::consts::FRAC_PI_2,
+            shake: 1.0,
             params: material([2e7, 3e5, 5e4, 3e4], 6e-4, 8.0),
             seed: 1,
         }
     }
 }
 
-/// The head: ±46° about the vertical at 1.6 Hz.
-pub fn head_at(secs: f64) -> RigidTransform {
-    let angle = 46f64.to_radians() * (std::f64::consts::TAU * 1.6 * secs).sin();
+/// The head: `shake` times ±46° about the vertical at 1.6 Hz.
+pub fn head_at(secs: f64, shake: f64) -> RigidTransform {
+    let angle = shake * 46f64.to_radians() * (std::f64::consts::TAU * 1.6 * secs).sin();
     RigidTransform { rotation: DMat3::from_rotation_z(angle), translation: DVec3::new(100.0, 0.0, 1500.0) }
 }
 
@@ -128,7 +131,7 @@ pub fn truth(scene: &Scene) -> Truth {
     let rest: Vec<DVec3> = scene.shape.points(scene.n).iter().map(|p| turn * *p + root).collect();
     let model = Model::new(RestShape::from_positions(&rest, 5.0), 3);
     let params = scene.params;
-    let mut state = State::at_rest(&rest.iter().map(|p| head_at(0.0).point(*p)).collect::<Vec<_>>());
+    let mut state = State::at_rest(&rest.iter().map(|p| head_at(0.0, scene.shake).point(*p)).collect::<Vec<_>>());
     let mut workspace = Workspace::new(&model);
     let per_frame = (FRAME_SECS / scene.step_secs).round() as usize;
     let settle = 80 * per_frame;
@@ -141,9 +144,9 @@ pub fn truth(scene: &Scene) -> Truth {
     for k in 0..settle + scene.frames * per_frame {
         if k >= settle && (k - settle).is_multiple_of(per_frame) {
             points.extend_from_slice(&state.x);
-            poses.push(head_at(k as f64 * scene.step_secs));
+            poses.push(head_at(k as f64 * scene.step_secs, scene.shake));
         }
-        let head = head_at((k + 1) as f64 * scene.step_secs);
+        let head = head_at((k + 1) as f64 * scene.step_secs, scene.shake);
         let target: Vec<DVec3> = rest[..3].iter().map(|p| head.point(*p)).collect();
         wind = wind * keep + kick * DVec3::new(normal(&mut rng), normal(&mut rng), normal(&mut rng));
         let push = vec![wind; scene.n];
