@@ -1,4 +1,6 @@
-//! `strandflow export`: strands, and the velocity field, in formats that other programs read.
+//! `strandflow export`: strands, the velocity field and fitted material in formats that other programs read.
+
+mod material;
 
 use std::path::Path;
 
@@ -7,7 +9,7 @@ use strandflow_core::RigidTransform;
 use strandflow_engine::{Performance, Plan, Take, animation::AnimationStrands, stage_index};
 use strandflow_io::{
     Cards, Carrier, ChosenStrands, Guides, Interchange, IoError, Resampled, SceneOptions, Space, StrandFrames,
-    VdbOptions, write_alembic, write_folder, write_hair, write_npz, write_ply, write_usc_data, write_usd,
+    VdbOptions, write_alembic, write_bytes, write_folder, write_hair, write_npz, write_ply, write_usc_data, write_usd,
     write_velocity_vdb,
 };
 
@@ -41,6 +43,10 @@ fn export_stage(stage: ExportStage, args: &ExportArgs) -> Result<(), Failed> {
     let scene = Scene { gravity: take.gravity(), fps: take.manifest().fps, poses: poses.collect::<Result<_, _>>()? };
     match stage {
         ExportStage::Flow => write_flow(&take, &plan, args),
+        ExportStage::Fit if args.to == Format::Csv => {
+            make_folder(args.out.parent())?;
+            Ok(write_bytes(&args.out, material::csv(&take)?.as_bytes())?)
+        }
         _ => write_strands(&scene, &take.strands_of(stage.name(), plan.frames)?, args),
     }
 }
@@ -69,7 +75,12 @@ fn check(args: &ExportArgs) -> Result<(), Failed> {
         (Some(ExportStage::Flow), Format::Vdb) => {}
         (Some(ExportStage::Flow), _) => return said("the velocity field goes into vdb only", "say --to vdb"),
         (_, Format::Vdb) => return said("vdb holds the velocity field, not strands", "say --stage flow"),
+        (Some(ExportStage::Fit), Format::Csv) => {}
+        (_, Format::Csv) => return said("csv holds what `fit` found of each strand", "say --stage fit"),
         _ => {}
+    }
+    if args.to == Format::Csv && (args.strands.is_some() || args.points.is_some() || args.guides.is_some()) {
+        return said("csv has a row for every strand that was fitted", "leave out --strands, --points and --guides");
     }
     if args.stage == Some(ExportStage::Flow)
         && (args.strands.is_some() || args.points.is_some() || args.guides.is_some())
@@ -92,7 +103,7 @@ fn carrier(format: Format) -> Option<Carrier> {
         Format::Usd => Some(Carrier::Usd),
         Format::Cards => Some(Carrier::Obj),
         Format::Vdb => Some(Carrier::Vdb),
-        Format::Npz | Format::Ply | Format::Hair | Format::Data => None,
+        Format::Npz | Format::Ply | Format::Hair | Format::Data | Format::Csv => None,
     }
 }
 
@@ -162,7 +173,7 @@ fn write(scene: &Scene, strands: &dyn StrandFrames, guides: Option<&Guides>, arg
         (Format::Hair, _) => strands_a_frame(strands, out, "hair", write_hair)?,
         (Format::Data, _) => strands_a_frame(strands, out, "data", write_usc_data)?,
         // `check` has refused these.
-        (Format::Cards | Format::Vdb, _) => {}
+        (Format::Cards | Format::Vdb | Format::Csv, _) => {}
     }
     Ok(())
 }

@@ -314,7 +314,7 @@ fn fit_options() -> RefineOptions {
 /// Does `work` with the scene's strand in every lane, cleaned; gives the windows of a pass.
 fn with_fitting<R: Kernels>(scene: &Scene, work: impl FnOnce(&mut Fitting<R>)) -> usize {
     let (take, options) = (scene.take(), fit_options());
-    let prepared: Vec<_> = scene.tracks(1).iter().filter_map(|t| track::prepare(t, &take, &options)).collect();
+    let prepared: Vec<_> = scene.tracks(1).iter().filter_map(|t| track::prepare(t, None, &take, &options)).collect();
     let lanes: Vec<&track::Prepared> = (0..R::COUNT).filter_map(|_| prepared.first()).collect();
     let mut fitting = Fitting::<R>::new(&lanes, &take, &options);
     work(&mut fitting);

@@ -7,7 +7,7 @@ mod stretches;
 
 use std::ops::Range;
 
-use glam::DVec3;
+use glam::{DMat4, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Place, Provenance, Report, RigidTransform, StrandSequence};
@@ -33,7 +33,7 @@ pub struct FitInput<'a> {
 }
 
 /// What was found of each strand of a block.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Fitted {
     /// Particles of the strand in every frame; 0 where the strand was given up, or never seen.
     pub counts: Vec<u16>,
@@ -44,6 +44,12 @@ pub struct Fitted {
     pub residual_mm: Vec<f32>,
     /// Per strand: windows fitted, windows whose last step made nothing better, windows that failed.
     pub windows: Vec<[u16; 3]>,
+    /// Per strand: covariance of the logarithms of k_bend, k_torsion, k_alt and drag (the altitudes' and the others' damping
+    /// follows their stiffness). NaN without Gauss–Newton and where nothing was fitted.
+    pub covariance: Vec<[[f32; 4]; 4]>,
+    /// Per strand \[mm\]: root mean square distance to samples of frames that the windows before had not seen, of the simulation
+    /// and of velocities kept. NaN where there are none.
+    pub held_out_mm: Vec<[f32; 2]>,
 }
 
 /// Settings of stage `fit`. Paper mode keeps the counts and takes the letter for the rest.
@@ -185,11 +191,27 @@ struct Progress {
     evidence: Evidence,
     /// Its way past the settled frames, which the next stretch is to join: shape (frames of a seam, n).
     tail: Vec<DVec3>,
-    /// Parameters and windows by stretch.
-    found: Vec<(Params, [usize; 3])>,
+    /// What each stretch found.
+    found: Vec<Found>,
     /// Squared distances of the refined to the given points, and how many.
     square: f64,
     given: u32,
+}
+
+/// What a stretch found of a strand.
+struct Found {
+    params: Params,
+    /// Fitted, stopped without converging, failed.
+    windows: [usize; 3],
+    covariance: Option<[[f64; 4]; 4]>,
+    held_out_mm: Option<[f64; 2]>,
+}
+
+impl Found {
+    /// How much it counts.
+    fn weight(&self) -> f64 {
+        (self.windows[0] + self.windows[1]) as f64
+    }
 }
 
 impl<'a> BlockFit<'a> {
@@ -268,22 +290,16 @@ impl<'a> BlockFit<'a> {
                 "those strands are left to stage blend to complete; failed windows keep the cleaned positions",
             );
         }
-        let each = |s: &Progress| {
-            let stays = s.stays(self.mode);
-            let residual = if stays { (s.square / f64::from(s.given.max(1))).sqrt() } else { 0.0 };
-            (
-                if stays { s.count } else { 0 },
-                s.params(&self.options).to_array().map(|p| p as f32),
-                residual as f32,
-                s.windows().map(|w| w.min(u16::MAX.into()) as u16),
-            )
-        };
-        let mut out = Fitted { counts: vec![], parameters: vec![], residual_mm: vec![], windows: vec![] };
-        for (count, parameters, residual_mm, windows) in self.strands.iter().map(each) {
-            out.counts.push(count);
-            out.parameters.push(parameters);
-            out.residual_mm.push(residual_mm);
-            out.windows.push(windows);
+        let mut out = Fitted::default();
+        for strand in &self.strands {
+            let stays = strand.stays(self.mode);
+            let residual = if stays { (strand.square / f64::from(strand.given.max(1))).sqrt() } else { 0.0 };
+            out.counts.push(if stays { strand.count } else { 0 });
+            out.parameters.push(strand.params(&self.options).to_array().map(|p| p as f32));
+            out.residual_mm.push(residual as f32);
+            out.windows.push(strand.windows().map(|w| w.min(u16::MAX.into()) as u16));
+            out.covariance.push(strand.covariance().to_cols_array_2d().map(|row| row.map(|c| c as f32)));
+            out.held_out_mm.push(strand.held_out_mm().map(|d| d as f32));
         }
         out
     }
@@ -293,11 +309,11 @@ impl Progress {
     /// Takes up a refined stretch, joined to the one before over their seam: the strand's way over the settled frames.
     fn go_on(&mut self, refined: Refined, track: &Track, stretch: &Stretch, settings: &FitSettings) -> Vec<DVec3> {
         let n = track.particle_count;
-        let Refined { mut points, params, windows, .. } = refined;
+        let Refined { mut points, params, windows, covariance, held_out_mm, .. } = refined;
         let settled = stretch.settled_places();
         stretches::join(&self.tail, &mut points[settled.start * n..], n);
         self.tail = points[settled.end * n..].iter().take(stretches::SEAM * n).copied().collect();
-        self.found.push((params, windows));
+        self.found.push(Found { params, windows, covariance, held_out_mm });
         for t in settled.clone() {
             let at = t * n..(t + 1) * n;
             self.evidence.add(&points[at.clone()], &track.points[at.clone()], &track.weights[at], settings);
@@ -334,7 +350,7 @@ impl Progress {
 
     /// Windows of all stretches: fitted, stopped without converging, failed.
     fn windows(&self) -> [usize; 3] {
-        std::array::from_fn(|k| self.found.iter().map(|(_, windows)| windows[k]).sum())
+        std::array::from_fn(|k| self.found.iter().map(|found| found.windows[k]).sum())
     }
 
     /// The geometric mean of the stretches' parameters, by their windows.
@@ -342,15 +358,36 @@ impl Progress {
         let (mut sum, mut total) = ([0.0; 6], 0.0);
         match &self.found[..] {
             [] => return options.start,
-            [(params, _)] => return *params,
+            [found] => return found.params,
             _ => {}
         }
-        for (params, [fitted, stopped, _]) in &self.found {
-            let weight = (fitted + stopped) as f64;
-            params.to_log().iter().zip(&mut sum).for_each(|(p, sum)| *sum += weight * p);
+        for found in &self.found {
+            let weight = found.weight();
+            found.params.to_log().iter().zip(&mut sum).for_each(|(p, sum)| *sum += weight * p);
             total += weight;
         }
         if total > 0.0 { Params::from_log(&sum.map(|s| s / total)) } else { options.start }
+    }
+
+    /// The stretches' covariances together: what each knows adds up. NaN where there is none.
+    fn covariance(&self) -> DMat4 {
+        let each: Vec<DMat4> =
+            self.found.iter().filter_map(|found| found.covariance).map(|c| DMat4::from_cols_array_2d(&c)).collect();
+        match &each[..] {
+            [] => DMat4::NAN,
+            [covariance] => *covariance,
+            _ => each.iter().map(DMat4::inverse).sum::<DMat4>().inverse(),
+        }
+    }
+
+    /// The stretches' errors on frames held out, by their windows. NaN where there are none.
+    fn held_out_mm(&self) -> [f64; 2] {
+        let (mut squares, mut total) = ([0.0; 2], 0.0);
+        for (found, errors) in self.found.iter().filter_map(|found| Some((found, found.held_out_mm?))) {
+            squares.iter_mut().zip(errors).for_each(|(sum, error)| *sum += found.weight() * error * error);
+            total += found.weight();
+        }
+        squares.map(|sum| if total > 0.0 { (sum / total).sqrt() } else { f64::NAN })
     }
 
     /// Whether the refined strand can be passed on.

@@ -12,6 +12,7 @@ Examples:
   strandflow export TAKE --stage blend --to cards --for maya --guides 200 FOLDER
   strandflow export TAKE --stage blend --to cards --for unreal --guides 200 OUT.usdc
   strandflow export TAKE --stage flow --to vdb --for houdini FOLDER
+  strandflow export TAKE --stage fit --to csv OUT.csv
 
 Without --for, lengths are millimetres and Z is up in abc, usd, cards and vdb; the other formats keep the take's world.
 docs/formats.md says what each format holds.";
@@ -117,4 +118,6 @@ pub enum Format {
     Cards,
     /// OpenVDB, one file a frame; of --stage flow.
     Vdb,
+    /// Fitted springs and drag in SI units, a row a strand, with what the motion tells of them; of --stage fit.
+    Csv,
 }

@@ -48,6 +48,48 @@ pub fn section(take: &Opened) -> Html {
     html.push(Html::side_by_side((0..6).map(|i| moves.plot(i, range))));
     html.push(moves.table(range));
     html.push(moves.verdict());
+    if let (Some(covariance), Some(held_out)) = (read("fit/covariance"), read("fit/held_out_mm")) {
+        html.push(certainty(&covariance, &held_out));
+    }
+    html
+}
+
+/// The fitted logarithms of a strand's covariance, by their places in [`NAMES`].
+const FITTED: [usize; 4] = [1, 2, 3, 5];
+
+/// What the motion tells, by the covariances and by frames held out. Empty where no strand has any.
+fn certainty(covariance: &[f32], held_out: &[f32]) -> Html {
+    let median = |mut values: Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        values.get(values.len() / 2).copied()
+    };
+    let finite = |values: &mut dyn Iterator<Item = f64>| values.filter(|v| v.is_finite()).collect::<Vec<f64>>();
+    let deviations: [Vec<f64>; 4] =
+        std::array::from_fn(|k| finite(&mut covariance.chunks_exact(16).map(|strand| f64::from(strand[5 * k]).sqrt())));
+    let mut html = Html::default();
+    let row = |k: usize| {
+        let told = deviations[k].iter().filter(|d| **d < std::f64::consts::LN_2).count();
+        Some(vec![
+            Cell::Text(NAMES[FITTED[k]].0.split(" [").next()?.into()),
+            Cell::Number(format!("× {:.2}", median(deviations[k].clone())?.exp())),
+            Cell::Number(percent(share(told, deviations[k].len()))),
+        ])
+    };
+    let rows: Vec<_> = (0..4).filter_map(row).collect();
+    if !rows.is_empty() {
+        html = Html::table(
+            &["Parameter", "Known to a factor of (median)", "Strands that tell it to a factor of two"],
+            rows,
+        );
+    }
+    let error = |way: usize| median(finite(&mut held_out.chunks_exact(2).map(|strand| f64::from(strand[way]))));
+    if let (Some(simulated), Some(kept)) = (error(0), error(1)) {
+        html.push(Html::paragraph(&format!(
+            "Frames that a window had not seen lie {simulated:.1} mm from where its simulation goes on to, and {kept:.1} mm from \
+             where velocities that stay as they are lead (medians over the strands; both hold the noise of what was seen). The \
+             covariance takes rest shapes and errors that are alike in time for known, so it is the least that parameters err by."
+        )));
+    }
     html
 }
 
@@ -166,6 +208,21 @@ fn number(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_page_says_what_the_motion_tells_and_how_frames_held_out_fare() {
+        let strand = |drag: f32| {
+            let mut rows = [0.0; 16];
+            (rows[0], rows[5], rows[10], rows[15]) = (4.0, 4.0, 4.0, drag);
+            rows
+        };
+        let covariance = [strand(0.01), strand(0.04), strand(4.0), [f32::NAN; 16]].concat();
+        let text = certainty(&covariance, &[1.0, 2.0, 1.5, 3.0, 1.25, 2.5, f32::NAN, f32::NAN]).into_text();
+        // e^0.2 is the median; two of three are below ln 2.
+        assert!(text.contains("× 1.22") && text.contains("67 %") && text.contains("0 %"), "{text}");
+        assert!(text.contains("1.2 mm") && text.contains("2.5 mm"), "{text}");
+        assert!(!certainty(&[f32::NAN; 16], &[f32::NAN; 2]).into_text().contains("factor"));
+    }
 
     #[test]
     fn strands_at_start_and_at_ends_are_told_apart_and_unfitted_ones_left_out() {

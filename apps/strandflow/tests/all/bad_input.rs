@@ -212,6 +212,8 @@ fn exports_that_do_not_go_together_are_told_before_the_take_is_read() {
         (&["--stage", "flow", "--to", "vdb", "--guides", "5"], "no strands"),
         (&["--stage", "blend", "--to", "hair", "--for", "unreal"], "the take's world"),
         (&["--stage", "blend", "--to", "cards"], "along guides"),
+        (&["--stage", "blend", "--to", "csv"], "what `fit` found"),
+        (&["--stage", "fit", "--to", "csv", "--strands", "5"], "every strand"),
     ] {
         let run = strandflow(&[&["export", "no.take"], args, &["out"]].concat());
         assert_bad_input(&run, &[told]);

@@ -1,5 +1,4 @@
 //! Takes longer than the stretch that `fit` refines at a time.
-#![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
 use strandflow_engine::Take;
 
@@ -35,4 +34,26 @@ fn strands_of_a_long_take_are_given_up_in_all_frames_or_in_none() {
             e / fitted.point_count / STRANDS
         );
     }
+
+    // What the motion tells of the material, a row a strand that is there.
+    let out = one.path().join("material.csv");
+    let wrote = strandflow(&["export", text(&takes[0]), "--stage", "fit", "--to", "csv", text(&out)]);
+    assert!(wrote.status.success(), "{}", stderr(&wrote));
+    let table = std::fs::read_to_string(&out).expect("the table was written");
+    let mut lines = table.lines().filter(|line| !line.starts_with('#')).map(|line| line.split(',').collect::<Vec<_>>());
+    let names = lines.next().expect("names of the columns");
+    let column = |name: &str| names.iter().position(|n| *n == name).expect(name);
+    let (strand, drag, deviation) = (column("strand"), column("drag"), column("sd_ln_drag"));
+    let (held_out, kept) = (column("held_out_m"), column("kept_m"));
+    let rows: Vec<Vec<&str>> = lines.collect();
+    let strands: Vec<usize> = rows.iter().map(|row| row[strand].parse().expect("a number")).collect();
+    assert_eq!(strands, (0..STRANDS).filter(|&n| !is_spoilt(n)).collect::<Vec<_>>());
+    for row in &rows {
+        let number = |at: usize| row[at].parse::<f64>().unwrap_or_else(|_| panic!("{row:?}"));
+        assert_eq!(row.len(), names.len());
+        assert!(number(drag) > 0.0 && number(deviation) > 0.0, "{row:?}");
+        assert!(number(held_out) < number(kept), "{row:?}");
+    }
+    let excited = rows.iter().filter(|row| row[column("excited")].contains("drag")).count();
+    assert!(2 * excited > rows.len(), "shaken hair tells drag: {excited} of {}", rows.len());
 }

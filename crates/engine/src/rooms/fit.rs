@@ -20,6 +20,8 @@ use crate::{
 };
 
 const PHASE: &str = "fit/fit";
+/// The parameters that a fit moves.
+const LOGARITHMS: [&str; 4] = ["k_bend", "k_torsion", "k_alt", "drag"];
 
 pub(crate) fn prepare(job: &Job) -> Result<(), EngineError> {
     let strands = job.take.strand_count()?;
@@ -28,7 +30,10 @@ pub(crate) fn prepare(job: &Job) -> Result<(), EngineError> {
     let names = Params::NAMES;
     ensure(job, PHASE, ("fit/parameters", json!({ "parameters": names })), &[strands, 9], &[BLOCK_STRANDS, 9])?;
     ensure(job, PHASE, ("fit/residual_mm", Value::Null), &[strands], &[BLOCK_STRANDS])?;
-    ensure(job, PHASE, ("fit/windows", Value::Null), &[strands, 3], &[BLOCK_STRANDS, 3])
+    ensure(job, PHASE, ("fit/windows", Value::Null), &[strands, 3], &[BLOCK_STRANDS, 3])?;
+    let logarithms = json!({ "logarithms_of": LOGARITHMS });
+    ensure(job, PHASE, ("fit/covariance", logarithms), &[strands, 4, 4], &[BLOCK_STRANDS, 4, 4])?;
+    ensure(job, PHASE, ("fit/held_out_mm", Value::Null), &[strands, 2], &[BLOCK_STRANDS, 2])
 }
 
 pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), EngineError> {
@@ -80,7 +85,10 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
 
     out.chunk("fit/parameters", &[block, 0], &padded(fitted.parameters.as_flattened(), 9, f32::NAN))?;
     out.chunk("fit/residual_mm", &[block], &padded(&fitted.residual_mm, 1, f32::NAN))?;
-    out.chunk("fit/windows", &[block, 0], &padded(fitted.windows.as_flattened(), 3, 0))
+    out.chunk("fit/windows", &[block, 0], &padded(fitted.windows.as_flattened(), 3, 0))?;
+    let covariance = fitted.covariance.as_flattened().as_flattened();
+    out.chunk("fit/covariance", &[block, 0, 0], &padded(covariance, 16, f32::NAN))?;
+    out.chunk("fit/held_out_mm", &[block, 0], &padded(fitted.held_out_mm.as_flattened(), 2, f32::NAN))
 }
 
 fn input_of<'a>(job: &Job, sequence: &'a StrandSequence, world_from_head: &'a [RigidTransform]) -> FitInput<'a> {
