@@ -111,7 +111,7 @@ pub struct Refined {
     /// search), failed (and replaced by the cleaned state).
     pub windows: [usize; 3],
     /// Covariance of the logarithms of bend, torsion and altitude stiffness and drag, from the windows of the last pass; no
-    /// variance exceeds `log_range`² / 3. None without Gauss–Newton. [`windows`] says how it comes about.
+    /// variance exceeds `log_range`² / 3. None without Gauss–Newton. Derived in `windows/certainty.rs`.
     pub covariance: Option<[[f64; 4]; 4]>,
     /// Root mean square distance to the samples of frames that the windows before them had not seen \[mm\], weighted by
     /// trust: of the simulation, and of velocities kept from where the fitted windows end. Holds the samples' own noise.

@@ -6,7 +6,7 @@
 //! precision of a sample relative to the others, so that a coordinate has the variance σ² / aₑ. Then
 //!
 //! - the log likelihood is −Σ aₑ |rₑ|² / 2σ² = −N φ / 2σ², and what the window says about θ after any initial velocity is
-//!   allowed for is N / σ² times the Schur complement of φ's Gauss–Newton matrix, [`super::Newton`]'s `schur`;
+//!   allowed for is N / σ² times the Schur complement of φ's Gauss–Newton matrix, which `newton.rs` has as `schur`;
 //! - N φ has the expectation 3 σ² (M − F), with M samples and F particles that have one: each takes one velocity. So
 //!   σ² = Σ N φ / Σ 3 (M − F) over the windows. (The velocities of stretched edges are not free; σ comes out up to a
 //!   twentieth too large.)
@@ -78,9 +78,12 @@ impl Tally {
     /// See the module.
     pub(super) fn covariance(&self, span: usize, options: &RefineOptions) -> [[f64; 4]; 4] {
         let prior = 3.0 / options.log_range.powi(2);
-        let square =
-            if self.degrees > 0.0 { (self.residual / self.degrees).max(LEAST_SIGMA_MM.powi(2)) } else { f64::INFINITY };
-        let mut precision = self.information.map(|row| row.map(|e| e / (span as f64 * square)));
+        let scale = if self.degrees > 0.0 {
+            1.0 / (span as f64 * (self.residual / self.degrees).max(LEAST_SIGMA_MM.powi(2)))
+        } else {
+            0.0
+        };
+        let mut precision = self.information.map(|row| row.map(|e| scale * e));
         (0..4).for_each(|a| precision[a][a] += prior);
         inverse(precision, prior)
     }
