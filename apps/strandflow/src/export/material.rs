@@ -11,8 +11,9 @@ const CAVEATS: &str = "\
 # for N/m and N s/m. A human hair of 70 um has 5.1e-6 kg a metre.
 # This is a material that moves like the strand in this model, not the hair's own: bend, torsion and altitude exchange for one
 # another; edge and the damping time c/k say nothing and stay where they start; another model of springs needs a fit of its own.
-# sd_ln: standard deviation of the logarithm. Beyond 0.69 the motion does not tell the parameter to within a factor of two;
-# excited names those that it tells. held_out_m: error on frames that the fit had not seen; kept_m: that of velocities kept.
+# sd_ln: standard deviation of the logarithm by the noise of the samples alone. Where it is above 0.69 (a factor of two) the motion
+# does not tell the parameter; excited names the others, which may still err by more, as the model and the rest shape do.
+# held_out_m: error on frames that the fit had not seen; kept_m: that of velocities kept.
 ";
 
 const COLUMNS: &str = "strand,particles,spacing_m,k_edge,k_bend,k_torsion,k_alt,c_edge,c_bend,c_torsion,c_alt,drag,sd_ln_k_bend,\
