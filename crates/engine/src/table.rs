@@ -139,7 +139,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "orient",
         summary: "orientation of every hair pixel",
-        version: 6,
+        version: 7,
         has_modes: true,
         settings: settings_of!(orient),
         phases: &[

@@ -27,10 +27,17 @@ pub fn along_lines(
     let reach = (2.0 * sigma / STEP as f32).round().max(1.0) as usize;
     let weights: Vec<f32> = (0..=reach).map(|i| (-0.5 * ((i * STEP) as f32 / sigma).powi(2)).exp()).collect();
     let field = Field::new(energy, guide, inside);
-    let row = |y: usize| -> Vec<[f32; 3]> { (0..width).map(|x| field.pooled(x, y, &weights)).collect() };
-    let rows: Vec<Vec<[f32; 3]>> = (0..height).into_par_iter().map(row).collect();
-    let take = |k: usize| Plane { width, height, data: rows.iter().flatten().map(|s| s[k]).collect() };
-    OrientationEnergy { cos2: take(0), sin2: take(1), total: take(2) }
+    let mut out = [0, 1, 2].map(|_| Plane::filled(width, height, 0.0f32));
+    let [cos2, sin2, total] = &mut out;
+    let rows =
+        cos2.data.par_chunks_mut(width).zip(sin2.data.par_chunks_mut(width)).zip(total.data.par_chunks_mut(width));
+    rows.enumerate().for_each(|(y, ((cos2, sin2), total))| {
+        for x in (0..width).filter(|&x| inside[(x, y)]) {
+            [cos2[x], sin2[x], total[x]] = field.pooled(x, y, &weights);
+        }
+    });
+    let [cos2, sin2, total] = out;
+    OrientationEnergy { cos2, sin2, total }
 }
 
 /// Way between two samples of a line \[px\].
@@ -71,7 +78,7 @@ impl Field {
         Self { stride, cells }
     }
 
-    /// The weighted mean of the energies along the line through a pixel; zero outside.
+    /// The weighted mean of the energies along the line through a pixel.
     fn pooled(&self, x: usize, y: usize, weights: &[f32]) -> [f32; 3] {
         let start = &self.cells[(y + BORDER) * self.stride + x + BORDER];
         let (mut sum, mut norm) = (start.energy.map(|e| weights[0] * e), weights[0]);

@@ -80,7 +80,7 @@ const NUMBERS_OF_PROVENANCE: &str = "0 missing, 1 observed, 2 diffused, 3 simula
 const ANIMATED: &str = "world position of a groom driven by the captured motion, root first; NaN past its end";
 const CHECK: &str = "strands, strands in the head, sum and most of their relative changes of length";
 const CONFIDENCE: &str = "trust 0 to 1, times 255";
-const TO_FRAME_BEFORE: &str = "flow to the frame before, at a quarter of the resolution; zero away from the hair";
+const TO_FRAME_BEFORE: &str = "flow to the frame before, at an eighth of the resolution; zero away from the hair";
 const POSITION: &str = "world position, root first; NaN where there is no point";
 const COUNTS: &str = "particles of the strand in every frame; 0: the strand is absent";
 
@@ -131,8 +131,8 @@ pub const ARRAYS: &[ArraySpec] = &[
     spec("orient/frames/confidence", (U8, "1/255"), IMAGE, PER_VIEW, CONFIDENCE),
     spec("orient/frames/half_angle", (U16, "π/65536 rad"), IMAGE, PER_VIEW, "the same at half the resolution"),
     spec("orient/frames/half_confidence", (U8, "1/255"), IMAGE, PER_VIEW, CONFIDENCE),
-    spec("orient/frames/back_u", (F32, "4 px"), IMAGE, PER_VIEW, TO_FRAME_BEFORE),
-    spec("orient/frames/back_v", (F32, "4 px"), IMAGE, PER_VIEW, TO_FRAME_BEFORE),
+    spec("orient/frames/back_u", (F32, "8 px"), IMAGE, PER_VIEW, TO_FRAME_BEFORE),
+    spec("orient/frames/back_v", (F32, "8 px"), IMAGE, PER_VIEW, TO_FRAME_BEFORE),
     spec(
         "orient/angle",
         (U16, "π/65536 rad"),

@@ -12,14 +12,16 @@ use strandflow_image::{flow::coarse_flow, region::Region, sample::bilinear_of};
 use super::{OrientationMap, angle_of};
 
 /// Halvings between an image and its flow: orientations are pooled over more pixels than a flow of this size errs by.
-const FLOW_HALVINGS: usize = 2;
+const FLOW_HALVINGS: usize = 3;
+/// Pixels of [`Moment::half`] along one of [`Moment::back`].
+const HALF_A_FLOW: f32 = (1 << (FLOW_HALVINGS - 1)) as f32;
 
 /// A frame as its neighbours see it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Moment {
     /// Its own orientations at half the resolution of the image.
     pub half: OrientationMap,
-    /// Where its hair was in the frame before it, at a quarter of the resolution \[px of that size\].
+    /// Where its hair was in the frame before it, at an eighth of the resolution \[px of that size\].
     pub back: Flow,
 }
 
@@ -136,8 +138,8 @@ impl Others {
         };
         for at @ (x, y) in self.region.pixels() {
             let (u, v) = (x as f32 + 0.5, y as f32 + 0.5);
-            let [du, dv] = way.at(0.5 * u, 0.5 * v);
-            add(&mut self.votes[at], bilinear_of(&votes, u + 2.0 * du, v + 2.0 * dv));
+            let [du, dv] = way.at(u / HALF_A_FLOW, v / HALF_A_FLOW);
+            add(&mut self.votes[at], bilinear_of(&votes, u + HALF_A_FLOW * du, v + HALF_A_FLOW * dv));
         }
     }
 
@@ -163,7 +165,7 @@ mod tests {
     fn moment(map: &OrientationMap, back_px: f32) -> Moment {
         let (width, height) = flow_size(SIZE);
         let mut back = Flow::zero(width, height);
-        back.u.data.fill(back_px / 4.0);
+        back.u.data.fill(back_px / (1 << FLOW_HALVINGS) as f32);
         Moment { half: half(map), back }
     }
 
@@ -199,13 +201,14 @@ mod tests {
 
     #[test]
     fn what_moved_is_found_where_it_was() {
-        let texture = |x: f32, y: f32| 128.0 + 60.0 * (0.21 * x).sin() + 50.0 * (0.17 * y + 0.1 * x).cos();
-        let image = |shift: f32| Plane::from_fn(SIZE.0, SIZE.1, |x, y| [texture(x as f32 - shift, y as f32) as u8; 3]);
+        let (width, height) = (160, 128);
+        let texture = |x: f32, y: f32| 128.0 + 60.0 * (0.11 * x).sin() + 50.0 * (0.09 * y + 0.05 * x).cos();
+        let image = |shift: f32| Plane::from_fn(width, height, |x, y| [texture(x as f32 - shift, y as f32) as u8; 3]);
         let hair =
-            Plane::from_fn(SIZE.0, SIZE.1, |x, y| u8::from((21..60).contains(&x) && (13..50).contains(&y)) * 255);
-        let back = flow_back(&image(8.0), &image(0.0), &hair);
+            Plane::from_fn(width, height, |x, y| u8::from((41..120).contains(&x) && (27..100).contains(&y)) * 255);
+        let back = flow_back(&image(12.0), &image(0.0), &hair);
         assert_eq!((back.u.width, back.u.height), (20, 16));
-        let [u, v] = back.at(10.0, 8.0);
-        assert!((4.0 * u + 8.0).abs() < 1.0 && (4.0 * v).abs() < 1.0, "{u} {v}");
+        let [u, v] = back.at(10.0, 8.0).map(|way| way * (1 << FLOW_HALVINGS) as f32);
+        assert!((u + 12.0).abs() < 1.5 && v.abs() < 1.5, "{u} {v}");
     }
 }
