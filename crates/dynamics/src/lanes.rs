@@ -10,6 +10,8 @@
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
+use wide::f32x4;
+
 /// A number, or a pack of numbers treated alike.
 pub trait Lanes:
     Copy
@@ -89,33 +91,32 @@ impl Lanes for f64 {
     }
 }
 
-/// Four `f32` as an array, for machines without AVX2.
+/// Four `f32` in one vector of whatever every machine of an architecture has: SSE2, NEON, WebAssembly's; else an array.
 #[derive(Clone, Copy, Debug)]
-#[repr(C, align(16))]
-pub struct Portable(pub [f32; 4]);
+#[repr(transparent)]
+pub struct Portable(f32x4);
 
 macro_rules! portable_operator {
-    ($trait:ident, $method:ident, $op:tt) => {
+    ($trait:ident, $method:ident) => {
         impl $trait for Portable {
             type Output = Self;
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
-                let (a, b) = (self.0, other.0);
-                Self([a[0] $op b[0], a[1] $op b[1], a[2] $op b[2], a[3] $op b[3]])
+                Self(self.0.$method(other.0))
             }
         }
     };
 }
-portable_operator!(Add, add, +);
-portable_operator!(Sub, sub, -);
-portable_operator!(Mul, mul, *);
-portable_operator!(Div, div, /);
+portable_operator!(Add, add);
+portable_operator!(Sub, sub);
+portable_operator!(Mul, mul);
+portable_operator!(Div, div);
 
 impl Neg for Portable {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        Self(self.0.map(|a| -a))
+        Self(-self.0)
     }
 }
 impl AddAssign for Portable {
@@ -136,31 +137,31 @@ impl Lanes for Portable {
 
     #[inline(always)]
     fn splat(value: f64) -> Self {
-        Self([value as f32; 4])
+        Self(f32x4::splat(value as f32))
     }
     #[inline(always)]
     fn get(&self, lane: usize) -> f64 {
-        f64::from(self.0[lane])
+        f64::from(self.0.as_array()[lane])
     }
     #[inline(always)]
     fn set(&mut self, lane: usize, value: f64) {
-        self.0[lane] = value as f32;
+        self.0.as_mut_array()[lane] = value as f32;
     }
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
-        self * b + c
+        Self(self.0.mul_add(b.0, c.0))
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
-        Self(self.0.map(f32::sqrt))
+        Self(self.0.sqrt())
     }
     #[inline(always)]
     fn at_least_zero(self) -> Self {
-        Self(self.0.map(|a| if a > 0.0 { a } else { 0.0 }))
+        self.where_positive(self)
     }
     #[inline(always)]
     fn where_positive(self, value: Self) -> Self {
-        Self(std::array::from_fn(|lane| if self.0[lane] > 0.0 { value.0[lane] } else { 0.0 }))
+        Self(self.0.simd_gt(f32x4::ZERO) & value.0)
     }
 }
 
