@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use strandflow_dynamics::refine::{EXCITED_BELOW, MOVED};
 use strandflow_engine::{EngineError, Take};
 
 /// What is to be known before the numbers are used; `docs/dynamics.md` says more.
@@ -18,9 +19,6 @@ const CAVEATS: &str = "\
 
 const COLUMNS: &str = "strand,particles,spacing_m,k_edge,k_bend,k_torsion,k_alt,c_edge,c_bend,c_torsion,c_alt,drag,sd_ln_k_bend,\
                        sd_ln_k_torsion,sd_ln_k_alt,sd_ln_drag,excited,residual_m,held_out_m,kept_m,windows,windows_failed";
-
-/// The parameters that a fit moves, as they are called in `excited`.
-const MOVED: [&str; 4] = ["k_bend", "k_torsion", "k_alt", "drag"];
 
 const METRES: f64 = 1e-3;
 
@@ -45,7 +43,7 @@ pub fn csv(take: &Take) -> Result<String, EngineError> {
         parameters[9 * n..9 * n + 9].iter().for_each(|&p| cell.number(p.into()));
         let deviations = [0, 1, 2, 3].map(|k| f64::from(covariance[16 * n + 5 * k]).sqrt());
         deviations.iter().for_each(|&d| cell.number(d));
-        let told = MOVED.iter().zip(deviations).filter(|(_, d)| *d < std::f64::consts::LN_2);
+        let told = MOVED.iter().zip(deviations).filter(|(_, d)| *d < EXCITED_BELOW);
         cell.add(told.map(|(name, _)| *name).collect::<Vec<_>>().join(" "));
         cell.number(f64::from(residual[n]) * METRES);
         held_out[2 * n..2 * n + 2].iter().for_each(|&d| cell.number(f64::from(d) * METRES));

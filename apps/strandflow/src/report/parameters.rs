@@ -1,6 +1,6 @@
 //! What the fit found for each strand, and whether the motion could tell.
 
-use strandflow_dynamics::Params;
+use strandflow_dynamics::{Params, refine::EXCITED_BELOW};
 use strandflow_eval::statistics::share;
 use strandflow_report::{Axis, Html, Mark, Plot, Tone, axis::power_of_ten, html::Cell};
 
@@ -68,7 +68,7 @@ fn certainty(covariance: &[f32], held_out: &[f32]) -> Html {
         std::array::from_fn(|k| finite(&mut covariance.chunks_exact(16).map(|strand| f64::from(strand[5 * k]).sqrt())));
     let mut html = Html::default();
     let row = |k: usize| {
-        let told = deviations[k].iter().filter(|d| **d < std::f64::consts::LN_2).count();
+        let told = deviations[k].iter().filter(|d| **d < EXCITED_BELOW).count();
         Some(vec![
             Cell::Text(NAMES[FITTED[k]].0.split(" [").next()?.into()),
             Cell::Number(format!("× {:.2}", median(deviations[k].clone())?.exp())),

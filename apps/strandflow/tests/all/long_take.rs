@@ -13,7 +13,7 @@ use strandflow_engine::{
     table::{Job, phases},
 };
 
-use crate::common::{self, cameras, stderr, strandflow, text};
+use crate::common::{self, cameras, records, stderr, strandflow, text};
 
 const FRAMES: usize = 2000;
 const STRANDS: usize = 8000;
@@ -25,7 +25,7 @@ const LONGEST: Duration = Duration::from_secs(20);
 fn a_long_take_is_opened_judged_and_resumed_in_seconds() {
     let root = tempfile::tempdir().unwrap();
     let (capture, take) = common::take(root.path());
-    lengthen(&capture);
+    records::lengthen(&capture, FRAMES);
     finish(&take);
     let timed = |args: &[&str]| {
         let start = Instant::now();
@@ -45,17 +45,6 @@ fn a_long_take_is_opened_judged_and_resumed_in_seconds() {
     assert!(ended["done"] == 0 && ended["complete"] == true, "{ended}");
 }
 
-/// The images of the capture over and over, by links.
-fn lengthen(capture: &Path) {
-    for camera in cameras() {
-        let folder = capture.join("images").join(&camera.name);
-        for frame in common::FRAMES..FRAMES {
-            let of = folder.join(format!("{:06}.png", frame % common::FRAMES));
-            std::fs::hard_link(of, folder.join(format!("{frame:06}.png"))).unwrap();
-        }
-    }
-}
-
 /// Records of all items as a run leaves them, and of the results what others read by value; nothing is computed.
 fn finish(take: &Path) {
     let take = Take::open(take).unwrap();
@@ -67,32 +56,9 @@ fn finish(take: &Path) {
             let inputs = stage.inputs(phase, &job, item).unwrap();
             let mut out = Writer::new(take.store());
             if item == Item::Take {
-                by_value(phase.name, &mut out);
+                records::by_value(phase.name, &mut out, FRAMES, STRANDS, |_| RigidTransform::IDENTITY);
             }
             out.finish(&item.key(phase.name), inputs.hashes, Vec::new()).unwrap();
         }
-    }
-}
-
-fn by_value(phase: &str, out: &mut Writer) {
-    match phase {
-        "hull/grid" => {
-            out.whole("hull/grid/origin", &[3], &[0.0f64; 3]).unwrap();
-            out.whole("hull/grid/voxel_mm", &[1], &[5.0f64]).unwrap();
-            out.whole("hull/grid/dims", &[3], &[8u32; 3]).unwrap();
-        }
-        "pose/pose" => {
-            let rows = RigidTransform::IDENTITY.to_rows().as_flattened().repeat(FRAMES);
-            out.whole("pose/world_from_head", &[FRAMES, 4, 4], &rows).unwrap();
-            out.whole("pose/markers", &[FRAMES, 1, 3], &vec![0.0f64; 3 * FRAMES]).unwrap();
-            let views = cameras().len();
-            out.whole("pose/tracks", &[FRAMES, views, 1, 2], &vec![0.0f64; 2 * views * FRAMES]).unwrap();
-            out.whole("pose/rms_px", &[FRAMES], &vec![0.0f64; FRAMES]).unwrap();
-            out.whole("pose/used", &[FRAMES], &vec![0u32; FRAMES]).unwrap();
-            out.whole("pose/interpolated", &[FRAMES], &vec![0u8; FRAMES]).unwrap();
-        }
-        "scalp/scalp" => out.whole("scalp/roots", &[STRANDS, 3], &vec![0.0f64; 3 * STRANDS]).unwrap(),
-        "smooth/topology" => out.whole("smooth/point_count", &[1], &[40u32]).unwrap(),
-        _ => {}
     }
 }

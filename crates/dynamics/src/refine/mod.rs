@@ -31,6 +31,10 @@ use crate::{
 };
 
 pub use track::{Body, Track};
+pub use windows::EXCITED_BELOW;
+
+/// The parameters that Gauss–Newton moves, in the order of [`Refined::covariance`].
+pub const MOVED: [&str; 4] = ["k_bend", "k_torsion", "k_alt", "drag"];
 
 /// Choices of the chain.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,6 +4,7 @@ mod certainty;
 
 use glam::DVec3;
 
+pub use self::certainty::EXCITED_BELOW;
 use self::certainty::{Count, Tally};
 use crate::{
     kernels::Kernels,

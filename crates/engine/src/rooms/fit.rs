@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use serde_json::{Value, json};
 use strandflow_core::{FrameRange, Report, RigidTransform, StrandSequence};
-use strandflow_dynamics::Params;
+use strandflow_dynamics::{Params, refine::MOVED};
 use strandflow_stages::fit::{BlockFit, FitInput, Stretch, stretches};
 
 use super::{
@@ -20,8 +20,6 @@ use crate::{
 };
 
 const PHASE: &str = "fit/fit";
-/// The parameters that a fit moves.
-const LOGARITHMS: [&str; 4] = ["k_bend", "k_torsion", "k_alt", "drag"];
 
 pub(crate) fn prepare(job: &Job) -> Result<(), EngineError> {
     let strands = job.take.strand_count()?;
@@ -31,7 +29,7 @@ pub(crate) fn prepare(job: &Job) -> Result<(), EngineError> {
     ensure(job, PHASE, ("fit/parameters", json!({ "parameters": names })), &[strands, 9], &[BLOCK_STRANDS, 9])?;
     ensure(job, PHASE, ("fit/residual_mm", Value::Null), &[strands], &[BLOCK_STRANDS])?;
     ensure(job, PHASE, ("fit/windows", Value::Null), &[strands, 3], &[BLOCK_STRANDS, 3])?;
-    let logarithms = json!({ "logarithms_of": LOGARITHMS });
+    let logarithms = json!({ "logarithms_of": MOVED });
     ensure(job, PHASE, ("fit/covariance", logarithms), &[strands, 4, 4], &[BLOCK_STRANDS, 4, 4])?;
     ensure(job, PHASE, ("fit/held_out_mm", Value::Null), &[strands, 2], &[BLOCK_STRANDS, 2])
 }

@@ -2,12 +2,14 @@
 
 use glam::DVec3;
 
-use super::{EDGE_RANGE, FitSettings};
+use super::FitSettings;
 
 /// A strand of which more than this share of the windows failed is given up and completed from its neighbours. A failed
 /// window keeps the cleaned positions, so a strand survives many of them; much lower, and strands are replaced by their
 /// neighbours that knew better themselves; near 1, strands that jump between different hair from frame to frame stay.
 const FAILED_SHARE: f64 = 0.4;
+/// Edges outside these shares of the particle spacing are torn.
+pub const EDGE_RANGE: (f64, f64) = (0.7, 1.4);
 /// A strand of which more than this share of the edges is torn shows a simulation that came apart. Fewer are mended: a
 /// sample astray in one frame is no reason to lose a strand.
 const TORN_SHARE: f64 = 0.03;
@@ -52,14 +54,36 @@ impl Evidence {
         self.seen_shake.add(given.iter().zip(weights).map(|(p, w)| (*w > 0.0).then_some(*p)).collect());
     }
 
-    /// Whether the strand can be passed on. `windows`: fitted, stopped, failed.
-    pub fn is_believable(&self, windows: [usize; 3]) -> bool {
+    /// What speaks against it. `windows`: fitted, stopped, failed.
+    pub fn doubts(&self, windows: [usize; 3]) -> Doubts {
         let all: usize = windows.iter().sum();
         let shake = self.shake.mean().unwrap_or(0.0);
-        self.torn as f64 <= TORN_SHARE * self.edges as f64
-            && self.seen_shake.mean().is_none_or(|seen| shake <= SHAKE_RATIO * seen.max(LEAST_SHAKE_MM))
-            && self.stray as f64 <= STRAY_SHARE * self.seen as f64
-            && windows[2] as f64 <= FAILED_SHARE * all as f64
+        Doubts {
+            is_torn: self.torn as f64 > TORN_SHARE * self.edges as f64,
+            shakes: self.seen_shake.mean().is_some_and(|seen| shake > SHAKE_RATIO * seen.max(LEAST_SHAKE_MM)),
+            is_astray: self.stray as f64 > STRAY_SHARE * self.seen as f64,
+            failed: windows[2] as f64 > FAILED_SHARE * all as f64,
+        }
+    }
+}
+
+/// What speaks against a refined strand.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Doubts {
+    /// Its edges did not keep their length.
+    pub is_torn: bool,
+    /// It shakes more than where it was seen.
+    pub shakes: bool,
+    /// It is not where it was seen.
+    pub is_astray: bool,
+    /// Most windows do not explain it.
+    pub failed: bool,
+}
+
+impl Doubts {
+    /// Whether anything does.
+    pub fn any(self) -> bool {
+        self != Self::default()
     }
 }
 
@@ -88,5 +112,45 @@ impl Shake {
     /// `None` where no point counts in three frames in a row.
     fn mean(&self) -> Option<f64> {
         (self.count > 0).then(|| (self.sum / f64::from(self.count)).sqrt())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_strand_that_is_elsewhere_than_it_was_seen_or_runs_away_is_given_up() {
+        let settings = FitSettings::default();
+        let (frames, particles) = (20, 8);
+        let point = |e: usize| DVec3::X * settings.edge_mm * (e % particles) as f64;
+        let points: Vec<DVec3> = (0..frames * particles).map(point).collect();
+        let swung = |mm: f64| {
+            let aside = |e: usize| DVec3::Y * mm * (1.3 * (e / particles) as f64).sin();
+            (0..points.len()).map(|e| points[e] + aside(e)).collect::<Vec<_>>()
+        };
+        let is_believed = |refined: &[DVec3], given: &[DVec3], weights: &[f64]| {
+            let mut evidence = Evidence::default();
+            for at in (0..frames).map(|t| t * particles..(t + 1) * particles) {
+                evidence.add(&refined[at.clone()], &given[at.clone()], &weights[at], &settings);
+            }
+            !evidence.doubts([40, 0, 0]).any()
+        };
+        // Seen in the first frames where it is, in the last ones 40 mm aside; the rest was not seen.
+        let weights = |here: usize, aside: usize| -> Vec<f64> {
+            let is_seen = |t: usize| t < here || t >= frames - aside;
+            (0..points.len()).map(|e| f64::from(u8::from(is_seen(e / particles)))).collect()
+        };
+        let seen = |here: usize, aside: usize| {
+            let off = |e: usize| if e / particles >= frames - aside { DVec3::Y * 40.0 } else { DVec3::ZERO };
+            let given: Vec<DVec3> = (0..points.len()).map(|e| points[e] + off(e)).collect();
+            is_believed(&points, &given, &weights(here, aside))
+        };
+        assert!(seen(12, 0));
+        assert!(seen(12, 1), "one frame astray costs no strand");
+        assert!(!seen(9, 6));
+        // It swings aside and back by 0.8 mm: twice as far as that is lively, ten times has run away.
+        assert!(is_believed(&swung(1.6), &swung(0.8), &weights(12, 0)));
+        assert!(!is_believed(&swung(8.0), &swung(0.8), &weights(12, 0)));
     }
 }

@@ -15,10 +15,8 @@ use strandflow_engine::{
     table::{Job, phases},
 };
 
-use super::cameras;
+use super::records::{self, PARTICLES};
 
-/// Particles of every strand.
-const PARTICLES: usize = 40;
 /// Different motions; each strand has noise of its own.
 const KINDS: usize = 16;
 /// Noise per coordinate \[mm\].
@@ -27,14 +25,7 @@ const NOISE_MM: f64 = 3.0;
 /// Makes the take. Strands that `spoilt` takes are seen at another side of the head in every third frame.
 pub fn take(root: &Path, strands: usize, frames: usize, spoilt: impl Fn(usize) -> bool + Sync) -> PathBuf {
     let (capture, folder) = super::take(root);
-    for camera in cameras() {
-        // The images of the capture over and over, by links; nobody looks at them.
-        let images = capture.join("images").join(&camera.name);
-        for frame in super::FRAMES..frames {
-            let of = images.join(format!("{:06}.png", frame % super::FRAMES));
-            std::fs::hard_link(of, images.join(format!("{frame:06}.png"))).unwrap();
-        }
-    }
+    records::lengthen(&capture, frames);
     finish_before_fit(&folder, strands, frames, &spoilt);
     folder
 }
@@ -62,34 +53,13 @@ fn finish_before_fit(folder: &Path, strands: usize, frames: usize, spoilt: &(imp
             let inputs = stage.inputs(phase, &job, item).unwrap();
             let mut out = Writer::new(store);
             match (phase.name, item) {
-                ("pose/pose", Item::Take) => {
-                    let rows: Vec<f64> =
-                        (0..frames).flat_map(|t| head(t as f64 * secs).to_rows().as_flattened().to_vec()).collect();
-                    out.whole("pose/world_from_head", &[frames, 4, 4], &rows).unwrap();
-                    let views = cameras().len();
-                    out.whole("pose/markers", &[frames, 1, 3], &vec![0.0f64; 3 * frames]).unwrap();
-                    out.whole("pose/tracks", &[frames, views, 1, 2], &vec![0.0f64; 2 * views * frames]).unwrap();
-                    out.whole("pose/rms_px", &[frames], &vec![0.0f64; frames]).unwrap();
-                    out.whole("pose/used", &[frames], &vec![0u32; frames]).unwrap();
-                    out.whole("pose/interpolated", &[frames], &vec![0u8; frames]).unwrap();
-                }
-                ("hull/grid", Item::Take) => {
-                    out.whole("hull/grid/origin", &[3], &[0.0f64; 3]).unwrap();
-                    out.whole("hull/grid/voxel_mm", &[1], &[5.0f64]).unwrap();
-                    out.whole("hull/grid/dims", &[3], &[8u32; 3]).unwrap();
-                }
-                ("scalp/scalp", Item::Take) => {
-                    out.whole("scalp/roots", &[strands, 3], &vec![0.0f64; 3 * strands]).unwrap();
-                }
-                ("smooth/topology", Item::Take) => {
-                    out.whole("smooth/point_count", &[1], &[PARTICLES as u32]).unwrap();
-                }
                 ("smooth/trim", Item::Block(block)) => {
                     let true_point = |strand: usize, t: usize, i: usize| {
                         kinds[(strand + if spoilt(strand) { 5 * (t % 3 / 2) } else { 0 }) % KINDS][t * PARTICLES + i]
                     };
                     write_block(&mut out, block, (strands, frames), &true_point);
                 }
+                (name, Item::Take) => records::by_value(name, &mut out, frames, strands, |t| head(t as f64 * secs)),
                 _ => {}
             }
             out.finish(&item.key(phase.name), inputs.hashes, Vec::new()).unwrap();

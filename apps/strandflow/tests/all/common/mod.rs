@@ -3,6 +3,7 @@
 
 pub mod before_fit;
 pub mod browser;
+pub mod records;
 #[cfg(target_os = "linux")]
 pub mod slurm;
 pub mod synthetic;

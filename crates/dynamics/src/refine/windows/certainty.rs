@@ -32,8 +32,8 @@ use crate::{
 const FORETELL_EVERY: usize = 4;
 /// σ is at least this \[mm\]: single precision says no more.
 const LEAST_SIGMA_MM: f64 = 1e-4;
-/// A parameter known to within a factor of two counts as excited.
-const EXCITED_BELOW: f64 = std::f64::consts::LN_2;
+/// A parameter known to within a factor of two, by the standard deviation of its logarithm, counts as excited.
+pub const EXCITED_BELOW: f64 = std::f64::consts::LN_2;
 
 impl Refined {
     /// Standard deviations of the log parameters, in the order of [`Refined::covariance`].
