@@ -203,7 +203,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "fit",
         summary: "strands explained by simulation",
-        version: 11,
+        version: 12,
         has_modes: true,
         settings: settings_of!(fit),
         phases: &[phase!("fit/fit", Block, Frames, rooms::fit, same["smooth/trim"], others["pose/pose"])],

@@ -6,14 +6,11 @@ use crate::{
     kernels::Kernels,
     lanes::{V3, zero3},
     params::{LaneParams, Params},
-    refine::{RefineOptions, Take, track::Prepared},
+    refine::{RefineOptions, Take, root::CLAMPED, track::Prepared},
     rest::LaneRest,
     system::{Jacobian, StepConstants},
     window::WindowWorkspace,
 };
-
-/// Particles that follow the head: one is a free pendulum (error 5.2 mm and growing), two 2.6 mm, three 1.4 mm.
-const CLAMPED: usize = 3;
 
 /// A bundle of strands; lanes past the last strand repeat the first.
 pub struct Bundle<R> {
@@ -92,7 +89,7 @@ impl<R: Kernels> Bundle<R> {
             for i in 0..fixed {
                 for lane in 0..R::COUNT {
                     let Some(p) = of_lane(lane) else { continue };
-                    let point = take.world_from_head[t].point(p.median[i]) - bundle.origins[lane];
+                    let point = take.world_from_head[t].point(p.root(t)[i]) - bundle.origins[lane];
                     set(&mut bundle.path[t * fixed + i], lane, point);
                 }
             }

@@ -6,7 +6,7 @@ use crate::{
     kernels::Kernels,
     lanes::{V3, zero3},
     params::Params,
-    refine::{RefineOptions, Take, bundle::Bundle, bundle::set, filter, track::Prepared},
+    refine::{RefineOptions, Take, bundle::Bundle, bundle::set, continuation::continued, filter, track::Prepared},
     window::{WindowInput, WindowWorkspace},
 };
 
@@ -32,12 +32,13 @@ pub fn clean<R: Kernels>(
         let Some(p) = lanes.get(lane).or(lanes.first()) else { continue };
         let m = p.n;
         let observed: Vec<bool> = p.weights.iter().map(|&w| w > 0.0).collect();
-        let mixed: Vec<DVec3> = (0..frames * m)
-            .map(|e| {
-                let filled = || head_from_world[e / m].point(bundle.get(&x[e / m * n + e % m], lane));
-                if observed[e] { p.head[e] } else { filled() }
-            })
-            .collect();
+        let filled: Vec<DVec3> =
+            (0..frames * m).map(|e| head_from_world[e / m].point(bundle.get(&x[e / m * n + e % m], lane))).collect();
+        let beside = |e: usize| if observed[e] { p.head[e] - filled[e] } else { DVec3::ZERO };
+        let beside: Vec<DVec3> = (0..frames * m).map(beside).collect();
+        let carried = if options.letter { beside.clone() } else { continued(&beside, &p.weights, m, p.noise_mm) };
+        let mixed: Vec<DVec3> =
+            (0..frames * m).map(|e| if observed[e] { p.head[e] } else { filled[e] + carried[e] }).collect();
         let weights: Vec<f64> = p.weights.iter().map(|&w| if w > 0.0 { w } else { FILLED_WEIGHT }).collect();
         let smooth = if options.letter { mixed } else { filter::smooth(&mixed, &weights, &observed, m) };
         for t in 0..frames {

@@ -86,54 +86,14 @@ fn average_along(values: &[DVec3], weights: &[f64], n: usize, half: usize) -> (V
 /// Weight of a residual where no sample is.
 const UNSEEN: f64 = 0.05;
 
-/// Particles along the strand that count as far as one frame in time where residuals are continued.
-const PARTICLES_A_FRAME: f64 = 2.0;
-
-/// Residuals (shape (T, n)), and where a sample has no weight the mean of the nearest that have some, before and after along
-/// the strand and in time, by their inverse squared distances: a strand is torn neither where its samples end nor when they
-/// come and go. Zero where neither the frame nor the particle has a sample.
-pub fn continued(residuals: &[DVec3], weights: &[f64], n: usize) -> Vec<DVec3> {
-    let frames = residuals.len() / n;
-    let mut sums = vec![(DVec3::ZERO, 0.0); residuals.len()];
-    let mut sweep = |line: &mut dyn Iterator<Item = usize>, unit: f64| {
-        let mut last: Option<(DVec3, f64)> = None;
-        for e in line {
-            if weights[e] > 0.0 {
-                last = Some((residuals[e], 0.0));
-            } else if let Some((value, distance)) = &mut last {
-                *distance += unit;
-                let share = 1.0 / (*distance * *distance);
-                sums[e].0 += share * *value;
-                sums[e].1 += share;
-            }
-        }
-    };
-    for t in 0..frames {
-        let row = t * n..(t + 1) * n;
-        sweep(&mut row.clone(), 1.0 / PARTICLES_A_FRAME);
-        sweep(&mut row.rev(), 1.0 / PARTICLES_A_FRAME);
-    }
-    for i in 0..n {
-        let column = (i..residuals.len()).step_by(n);
-        sweep(&mut column.clone(), 1.0);
-        sweep(&mut column.rev(), 1.0);
-    }
-    let whole = |(e, (sum, total)): (usize, (DVec3, f64))| match (weights[e] > 0.0, total > 0.0) {
-        (true, _) => residuals[e],
-        (false, true) => sum / total,
-        (false, false) => DVec3::ZERO,
-    };
-    sums.into_iter().enumerate().map(whole).collect()
-}
-
 /// Half-width of the quadratic that the ends are drawn to \[frames\].
 const END_HALF: usize = 6;
 /// Weight of the first and of the second frame from either end in it: no window reaches frame 0, and few reach the others.
 const END_WEIGHTS: [f64; 2] = [0.1, 0.3];
 
 /// Draws the two first and two last frames of refined values (shape (T, n)) to quadratics in time through the frames beside
-/// them, by a share. Frame 0 is no window's prediction and the last frame is only one's: their noise is that of the samples.
-pub fn settle_ends(values: &mut [DVec3], n: usize, share: f64) {
+/// them, by a share each. Frame 0 is no window's prediction and the last frame is only one's: their noise is that of the samples.
+pub fn settle_ends(values: &mut [DVec3], n: usize, share: impl Fn(usize) -> f64) {
     let frames = values.len() / n;
     if frames <= END_HALF {
         return;
@@ -143,7 +103,7 @@ pub fn settle_ends(values: &mut [DVec3], n: usize, share: f64) {
     let (fitted, _) = fit_all(values, &weights, n, END_HALF);
     for t in [0, 1, frames - 2, frames - 1] {
         for e in t * n..(t + 1) * n {
-            values[e] = values[e].lerp(fitted[e], share);
+            values[e] = values[e].lerp(fitted[e], share(e));
         }
     }
 }
@@ -195,24 +155,6 @@ fn quadratic_at_zero(samples: impl Iterator<Item = (f64, f64, DVec3)>) -> Option
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn what_is_not_seen_goes_on_with_what_is_near() {
-        let residuals = [1.0, 2.0, 3.0, 9.0, 4.0, 5.0, 9.0, 9.0].map(DVec3::splat);
-        let weights = [1.0, 1.0, 0.3, 0.0, 1.0, 1.0, 0.0, 0.0];
-        let found: Vec<f64> = continued(&residuals, &weights, 8).iter().map(|r| r.x).collect();
-        assert_eq!((&found[..3], &found[4..6]), ([1.0, 2.0, 3.0].as_slice(), [4.0, 5.0].as_slice()));
-        assert_eq!((found[3], &found[6..]), (3.5, [5.0, 5.0].as_slice()));
-        assert_eq!(continued(&residuals, &[0.0; 8], 4), [DVec3::ZERO; 8]);
-        // In time: two particles, five frames; the second is lost in frames 1 to 3 and the first never.
-        let residuals: Vec<DVec3> = [0.0, 2.0, 0.0, 9.0, 0.0, 9.0, 0.0, 9.0, 0.0, 2.0].map(DVec3::splat).to_vec();
-        let weights = [1.0, 1.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 1.0];
-        let found = continued(&residuals, &weights, 2);
-        // Half a frame to its neighbour on the strand, one and three frames (or two and two) to itself.
-        let near = 2.0 * (1.0 + 1.0 / 9.0) / (4.0 + 1.0 + 1.0 / 9.0);
-        assert!((found[3].x - near).abs() < 1e-12 && (found[7].x - near).abs() < 1e-12, "{found:?}");
-        assert!((found[5].x - 1.0 / 4.5).abs() < 1e-12, "{found:?}");
-    }
 
     #[test]
     fn structure_is_found_in_waves_and_not_in_noise() {

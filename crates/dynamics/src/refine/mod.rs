@@ -13,10 +13,12 @@
 
 pub mod bundle;
 pub mod clean;
+mod continuation;
 mod fields;
 pub mod filter;
 mod identity;
 mod newton;
+mod root;
 mod search;
 pub mod track;
 pub mod windows;

@@ -3,7 +3,11 @@
 use glam::DVec3;
 
 use crate::{
-    refine::{RefineOptions, Take, identity::keep_one_hair},
+    refine::{
+        RefineOptions, Take,
+        identity::keep_one_hair,
+        root::{self, CLAMPED},
+    },
     rest::{ALTITUDE_EPSILON, RestShape},
 };
 
@@ -31,6 +35,8 @@ pub struct Prepared {
     pub rest: RestShape,
     /// The median shape in head space, complete, length n.
     pub median: Vec<DVec3>,
+    /// The way of the clamped particles in head space \[mm\], shape (T, min(n, 3)).
+    way: Vec<DVec3>,
     /// Noise per coordinate \[mm\], from fourth differences in time, in which motion counts less than in third ones. Infinite
     /// where no five consecutive frames have a particle: then nothing says that the samples can be believed.
     pub noise_mm: f64,
@@ -114,13 +120,29 @@ pub fn prepare(track: &Track, body: Option<&Body>, take: &Take, options: &Refine
         keep_one_hair(&head, &mut weights, n);
         distrust_outliers(&head, &mut weights, n);
     }
-    if let Some(Body { rest, median, noise_mm, .. }) = body.cloned() {
-        return Some(Prepared { n, head, weights, rest, median, noise_mm });
+    let (rest, median, noise_mm) = match body.cloned() {
+        Some(Body { rest, median, noise_mm, .. }) => (rest, median, noise_mm),
+        None => {
+            let median = median_shape(&head, &weights, n, options.edge_mm)?;
+            let rest = rest_shape(&head, &weights, n, &median, options.edge_mm);
+            let noise_mm = differences(&weights, n, 0, FOURTH, |e| head[e]).map_or(f64::INFINITY, |d| (d / 3.0).sqrt());
+            (rest, median, noise_mm)
+        }
+    };
+    let way = if options.letter {
+        median[..CLAMPED.min(n)].repeat(frames)
+    } else {
+        root::way(&head, &weights, n, &median, &rest)
+    };
+    Some(Prepared { n, head, weights, rest, median, way, noise_mm })
+}
+
+impl Prepared {
+    /// The clamped particles of a frame in head space \[mm\].
+    pub fn root(&self, frame: usize) -> &[DVec3] {
+        let fixed = CLAMPED.min(self.n);
+        &self.way[frame * fixed..(frame + 1) * fixed]
     }
-    let median = median_shape(&head, &weights, n, options.edge_mm)?;
-    let rest = rest_shape(&head, &weights, n, &median, options.edge_mm);
-    let noise_mm = differences(&weights, n, 0, FOURTH, |e| head[e]).map_or(f64::INFINITY, |d| (d / 3.0).sqrt());
-    Some(Prepared { n, head, weights, rest, median, noise_mm })
 }
 
 /// Lowers the weight of samples far from the sliding median in head space, and of what hangs on them towards the tip.
@@ -238,24 +260,40 @@ fn rest_shape(head: &[DVec3], weights: &[f64], n: usize, median_shape: &[DVec3],
     let spread = (edges.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / edges.len().max(1) as f64).sqrt();
     let steady = !edges.is_empty() && spread < STEADY_EDGES * mean;
     let edge = if steady { median(&mut edges).unwrap_or(edge_mm) } else { edge_mm };
+    let lengths: Vec<f64> = (0..n.saturating_sub(1))
+        .map(|i| match over_frames(weights, n, i, 1, |e| head[e].distance(head[e + 1])) {
+            (own, total) if steady && total > 0.0 => own,
+            _ => edge,
+        })
+        .collect();
+    let steadiness: Vec<f64> = (0..n.saturating_sub(2)).map(|i| bend_steadiness(head, weights, n, i)).collect();
     let mut squares: [Vec<f64>; 3] = Default::default();
     for order in 1..=3usize {
         let noise = if steady { 0.0 } else { difference_noise(head, weights, n, order) };
-        let longest = (order as f64 * edge).powi(2);
+        let longest = |i: usize| lengths[i..i + order].iter().sum::<f64>().powi(2);
         let mut raw: Vec<(f64, f64)> = (0..n.saturating_sub(order))
             .map(|i| {
+                let longest = longest(i);
                 let (mean, total) = over_frames(weights, n, i, order, |e| head[e].distance_squared(head[e + order]));
                 let unseen = median_shape[i].distance_squared(median_shape[i + order]);
-                if total > 0.0 { (mean - noise, total) } else { (unseen, 1e-3) }
+                if total == 0.0 {
+                    (unseen, 1e-3)
+                } else if steady && order > 1 {
+                    let near = &steadiness[i..i + order - 1];
+                    let own = near.iter().sum::<f64>() / near.len() as f64;
+                    (longest - own * (longest - mean).max(0.0), total)
+                } else {
+                    (mean - noise, total)
+                }
             })
             .collect();
         if order == 1 {
-            raw.iter_mut().for_each(|r| r.0 = longest);
+            raw.iter_mut().enumerate().for_each(|(i, r)| r.0 = longest(i));
         } else if !steady {
             along_strand(&mut raw);
         }
         // No chord is longer than its edges; one under 40 % of them is noise.
-        squares[order - 1] = raw.iter().map(|r| r.0.clamp(0.15 * longest, longest)).collect();
+        squares[order - 1] = raw.iter().enumerate().map(|(i, r)| r.0.clamp(0.15 * longest(i), longest(i))).collect();
     }
     let epsilon = ALTITUDE_EPSILON * edge * edge;
     let mut volumes: Vec<(f64, f64)> = (0..n.saturating_sub(3))
@@ -280,6 +318,22 @@ fn rest_shape(head: &[DVec3], weights: &[f64], n: usize, median_shape: &[DVec3],
         .collect();
     let lengths = squares.map(|squares| squares.into_iter().map(f64::sqrt).collect());
     RestShape { lengths, altitudes, epsilon }
+}
+
+/// The share of the mean squared bend at particle i + 1 that is the strand's own; the rest is what motion and noise make of it in
+/// any direction, by which a straight strand would pass for a bent one.
+///
+/// With a bend of constant size A and a Gaussian in the plane, |b|² has mean M = A² + 2σ² and variance V = 4σ⁴ + 4A²σ², so that
+/// A⁴ = M² − V (moments of the Rice distribution).
+fn bend_steadiness(head: &[DVec3], weights: &[f64], n: usize, i: usize) -> f64 {
+    let bend = |e: usize| {
+        let (a, b) = (head[e + 1] - head[e], head[e + 2] - head[e + 1]);
+        ((b - a).length_squared() - (b.length() - a.length()).powi(2)).max(0.0)
+    };
+    let (mean, _) = over_frames(weights, n, i, 2, bend);
+    let (square, _) = over_frames(weights, n, i, 2, |e| bend(e).powi(2));
+    let own = (2.0 * mean * mean - square).max(0.0).sqrt();
+    if mean > 0.0 { (own / mean).min(1.0) } else { 1.0 }
 }
 
 /// Half-width of the average along the strand where noise is large; hair curls evenly \[particles\]. With 2 the wavy and
@@ -368,5 +422,35 @@ mod tests {
         for (a, b) in built.iter().zip(&direct.altitudes[0]) {
             assert!((a - b).abs() < 1e-7, "{a} {b}");
         }
+    }
+
+    /// Strands of edges 5 mm, shape (T, 4), whose middle bends by `bend(t)` \[rad\] around an axis turned by `turn(t)`.
+    fn bent(frames: usize, bend: impl Fn(usize) -> f64, turn: impl Fn(usize) -> f64) -> Vec<DVec3> {
+        (0..frames)
+            .flat_map(|t| {
+                let aside = DVec3::new(turn(t).cos(), turn(t).sin(), 0.0);
+                let edge = |angle: f64| 5.0 * (DVec3::NEG_Z * angle.cos() + aside * angle.sin());
+                let a = edge(-0.5 * bend(t));
+                let b = a + edge(0.5 * bend(t));
+                [DVec3::ZERO, a, b, b + edge(1.5 * bend(t))]
+            })
+            .collect()
+    }
+
+    #[test]
+    fn bends_of_every_direction_and_size_are_not_the_strands_own() {
+        let rest = |head: &[DVec3]| {
+            let weights = vec![1.0; head.len()];
+            let median = median_shape(head, &weights, 4, 5.0).unwrap();
+            rest_shape(head, &weights, 4, &median, 5.0)
+        };
+        // Straight but for a Gaussian in the plane: the size of the bend is Rayleigh's, by its quantiles. Its mean chord is 9.78 mm.
+        let size = |t: usize| 0.3 * (-2.0 * ((t as f64 * 0.618_034).fract() * 0.998 + 0.001).ln()).sqrt();
+        let turn = |t: usize| 2.399_963 * t as f64;
+        let loose = rest(&bent(400, size, turn));
+        assert!(loose.lengths[1].iter().all(|chord| *chord > 9.94), "{loose:?}");
+        // A bend that keeps its size is the strand's own, whichever way it turns.
+        let curled = rest(&bent(400, |_| 0.6, turn));
+        assert!(curled.lengths[1].iter().all(|chord| (*chord - 10.0 * 0.3f64.cos()).abs() < 0.01), "{curled:?}");
     }
 }

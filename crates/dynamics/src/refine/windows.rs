@@ -14,6 +14,7 @@ use crate::{
         RefineOptions, Refined, Take,
         bundle::{Bundle, set},
         clean::clean,
+        continuation::continued,
         filter,
         newton::{self, Newton},
         track::Prepared,
@@ -124,10 +125,10 @@ fn add_structure<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Tak
         let residuals: Vec<DVec3> = (0..head.len()).map(residual).collect();
         let structure = filter::structure(&residuals, &p.weights, m);
         let faith = 1.0 / (1.0 + (p.noise_mm / FAITHFUL_NOISE_MM).powi(4));
-        let faithful = filter::continued(&residuals, &p.weights, m);
+        let faithful = continued(&residuals, &p.weights, m, p.noise_mm);
         let correction = |e: usize| structure[e].lerp(faithful[e], faith);
         let mut corrected: Vec<DVec3> = (0..head.len()).map(|e| head[e] + correction(e)).collect();
-        filter::settle_ends(&mut corrected, m, 1.0 - faith);
+        filter::settle_ends(&mut corrected, m, |e| if p.weights[e] > 0.0 { 1.0 - faith } else { 1.0 });
         for t in 0..bundle.frames {
             let point = |i: usize| take.world_from_head[t].point(corrected[t * m + i]);
             bundle.put(&mut x[t * n..(t + 1) * n], lane, point);

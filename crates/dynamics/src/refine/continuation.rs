@@ -1,0 +1,208 @@
+//! What is seen of a strand's displacement, carried on smoothly over the particles and frames where nothing is seen.
+
+use glam::DVec3;
+
+/// Weight of squared second differences in time against a sample of full trust.
+const IN_TIME: f64 = 0.05;
+/// Weight of squared differences between neighbours along the strand.
+const ALONG: f64 = 0.02;
+/// Weight of the displacement itself: far from all samples the simulation is right.
+const HOLD: f64 = 1e-5;
+/// Sweeps over the particles, to the tip and back.
+const SWEEPS: usize = 3;
+/// Times that the trust in samples is judged anew.
+const JUDGED: usize = 5;
+/// Distance from the smooth field at which a sample loses half its trust \[mm\], and in units of the noise.
+const ASTRAY_MM: f64 = 3.0;
+/// See [`ASTRAY_MM`].
+const ASTRAY_NOISE: f64 = 4.0;
+/// Noise under which samples count by their precision \[mm\]: the field goes through what is exact.
+const EXACT_NOISE_MM: f64 = 0.05;
+
+/// The smooth field through displacements (shape (T, n)) of these weights (0: not seen), noise per coordinate \[mm\].
+///
+/// Minimises Σ w |u − d|² + [`IN_TIME`] Σ |second difference in time|² + [`ALONG`] Σ |difference along the strand|² +
+/// [`HOLD`] Σ |u|² by sweeps of exact solves in time, particle by particle. Samples far from the field lose weight (Cauchy).
+pub fn continued(displacements: &[DVec3], weights: &[f64], n: usize, noise_mm: f64) -> Vec<DVec3> {
+    let frames = displacements.len() / n.max(1);
+    if frames == 0 {
+        return Vec::new();
+    }
+    let noise_mm = if noise_mm.is_finite() { noise_mm } else { 0.0 };
+    let scale = ASTRAY_MM + ASTRAY_NOISE * noise_mm;
+    let exact = (EXACT_NOISE_MM / noise_mm.max(1e-3)).powi(2).max(1.0);
+    // By particle, then by frame.
+    let place = |k: usize| (k % frames) * n + k / frames;
+    let seen: Vec<DVec3> = (0..n * frames).map(|k| displacements[place(k)]).collect();
+    let given: Vec<f64> = (0..n * frames).map(|k| exact * weights[place(k)]).collect();
+    let mut trust = given.clone();
+    let mut field = vec![DVec3::ZERO; n * frames];
+    for round in 0..JUDGED {
+        if round > 0 {
+            for ((trust, given), (u, d)) in trust.iter_mut().zip(&given).zip(field.iter().zip(&seen)) {
+                *trust = given / (1.0 + u.distance_squared(*d) / (scale * scale));
+            }
+        }
+        solve(&seen, &trust, frames, &mut field);
+    }
+    let mut out = vec![DVec3::ZERO; n * frames];
+    (0..n * frames).for_each(|k| out[place(k)] = field[k]);
+    out
+}
+
+/// Sweeps to the tip and back, each line in time solved with its neighbours held.
+fn solve(seen: &[DVec3], trust: &[f64], frames: usize, field: &mut [DVec3]) {
+    let n = seen.len() / frames;
+    let lines: Vec<Line> = (0..n)
+        .map(|i| {
+            let neighbours = usize::from(i > 0) + usize::from(i + 1 < n);
+            Line::new(&trust[i * frames..(i + 1) * frames], HOLD + ALONG * neighbours as f64)
+        })
+        .collect();
+    let mut rhs = vec![DVec3::ZERO; frames];
+    for _ in 0..SWEEPS {
+        for i in (0..n).chain((0..n.saturating_sub(1)).rev()) {
+            let at = i * frames;
+            for t in 0..frames {
+                let mut sum = trust[at + t] * seen[at + t];
+                if i > 0 {
+                    sum += ALONG * field[at - frames + t];
+                }
+                if i + 1 < n {
+                    sum += ALONG * field[at + frames + t];
+                }
+                rhs[t] = sum;
+            }
+            lines[i].solve(&mut rhs);
+            field[at..at + frames].copy_from_slice(&rhs);
+        }
+    }
+}
+
+/// L D Lᵀ of diag(trust + hold) + [`IN_TIME`] D₂ᵀD₂, of five diagonals.
+struct Line {
+    /// 1 / D, and the two diagonals of L, of each row.
+    rows: Vec<[f64; 3]>,
+}
+
+impl Line {
+    fn new(trust: &[f64], hold: f64) -> Self {
+        let frames = trust.len();
+        let stencil = |t: usize| -> [f64; 3] {
+            // Row t of D₂ᵀD₂: on the diagonal, one before, two before.
+            let mut row = [0.0; 3];
+            for (first, own) in [(t.wrapping_sub(2), 1.0), (t.wrapping_sub(1), -2.0), (t, 1.0)] {
+                if first < frames && first + 2 < frames {
+                    let at = |s: usize| if s == first + 1 { -2.0 } else { 1.0 };
+                    row[0] += own * own;
+                    if t > first {
+                        row[1] += own * at(t - 1);
+                    }
+                    if t > first + 1 {
+                        row[2] += own * at(t - 2);
+                    }
+                }
+            }
+            row.map(|r| IN_TIME * r)
+        };
+        let mut rows: Vec<[f64; 3]> = Vec::with_capacity(frames);
+        let mut pivots: Vec<f64> = Vec::with_capacity(frames);
+        for t in 0..frames {
+            let [own, one, two] = stencil(t);
+            let second = if t >= 2 { two / pivots[t - 2] } else { 0.0 };
+            let first = if t >= 1 {
+                let shared = if t >= 2 { second * pivots[t - 2] * rows[t - 1][1] } else { 0.0 };
+                (one - shared) / pivots[t - 1]
+            } else {
+                0.0
+            };
+            let mut pivot = own + trust[t] + hold;
+            if t >= 1 {
+                pivot -= first * first * pivots[t - 1];
+            }
+            if t >= 2 {
+                pivot -= second * second * pivots[t - 2];
+            }
+            pivots.push(pivot);
+            rows.push([1.0 / pivot, first, second]);
+        }
+        Self { rows }
+    }
+
+    fn solve(&self, b: &mut [DVec3]) {
+        let frames = b.len();
+        for t in 1..frames {
+            let [_, first, second] = self.rows[t];
+            let mut value = b[t] - first * b[t - 1];
+            if t >= 2 {
+                value -= second * b[t - 2];
+            }
+            b[t] = value;
+        }
+        for t in (0..frames).rev() {
+            let mut value = b[t] * self.rows[t][0];
+            if t + 1 < frames {
+                value -= self.rows[t + 1][1] * b[t + 1];
+            }
+            if t + 2 < frames {
+                value -= self.rows[t + 2][2] * b[t + 2];
+            }
+            b[t] = value;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_solved() {
+        let trust = [1.0, 0.0, 0.0, 0.3, 1.0, 0.0, 0.0];
+        let (line, hold) = (Line::new(&trust, 0.2), 0.2);
+        let x: Vec<DVec3> = (0..7).map(|t| DVec3::new(f64::from(t), (f64::from(t)).sin(), 1.0)).collect();
+        let mut b: Vec<DVec3> = x.iter().zip(trust).map(|(x, w)| (w + hold) * x).collect();
+        for t in 0..5 {
+            let second = x[t] - 2.0 * x[t + 1] + x[t + 2];
+            b[t] += IN_TIME * second;
+            b[t + 1] -= 2.0 * IN_TIME * second;
+            b[t + 2] += IN_TIME * second;
+        }
+        line.solve(&mut b);
+        for (found, wanted) in b.iter().zip(&x) {
+            assert!(found.distance(*wanted) < 1e-12, "{b:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_seen_stays_and_what_is_not_goes_on_smoothly() {
+        let (frames, n) = (60, 12);
+        let wave = |e: usize| DVec3::X * 5.0 * (0.12 * (e / n) as f64).sin();
+        // The tip is seen in the first and last frames only, and one sample there is astray.
+        let is_seen = |e: usize| e % n < 6 || !(20..40).contains(&(e / n));
+        let mut seen: Vec<DVec3> = (0..frames * n).map(|e| if is_seen(e) { wave(e) } else { DVec3::ZERO }).collect();
+        let weights: Vec<f64> = (0..frames * n).map(|e| f64::from(u8::from(is_seen(e)))).collect();
+        seen[10 * n + 9] += DVec3::Y * 40.0;
+        let found = continued(&seen, &weights, n, 0.1);
+        for e in 0..frames * n {
+            let is_beside = (e / n).abs_diff(10) < 3 && (e % n).abs_diff(9) < 3;
+            let most = if !is_seen(e) {
+                2.5
+            } else if is_beside {
+                1.0
+            } else {
+                0.3
+            };
+            assert!(found[e].distance(wave(e)) < most, "frame {}, particle {}: {}", e / n, e % n, found[e]);
+        }
+        for t in 1..frames - 1 {
+            for i in 0..n {
+                let at = |t: usize| found[t * n + i];
+                let second = at(t - 1) - 2.0 * at(t) + at(t + 1);
+                assert!(second.length() < 3.0, "frame {t}, particle {i}: {second}");
+            }
+        }
+        assert!(continued(&seen, &vec![0.0; frames * n], n, 0.1).iter().all(|u| u.length() == 0.0));
+        assert!(continued(&[], &[], 0, 0.1).is_empty());
+    }
+}
