@@ -35,10 +35,12 @@ pub fn clean<R: Kernels>(
         let filled: Vec<DVec3> =
             (0..frames * m).map(|e| head_from_world[e / m].point(bundle.get(&x[e / m * n + e % m], lane))).collect();
         let beside = |e: usize| if observed[e] { p.head[e] - filled[e] } else { DVec3::ZERO };
-        let beside: Vec<DVec3> = (0..frames * m).map(beside).collect();
-        let carried = if options.letter { beside.clone() } else { continued(&beside, &p.weights, m, p.noise_mm) };
+        let mut beside: Vec<DVec3> = (0..frames * m).map(beside).collect();
+        if !options.letter && observed.contains(&false) {
+            beside = continued(&beside, &p.weights, m, p.noise_mm);
+        }
         let mixed: Vec<DVec3> =
-            (0..frames * m).map(|e| if observed[e] { p.head[e] } else { filled[e] + carried[e] }).collect();
+            (0..frames * m).map(|e| if observed[e] { p.head[e] } else { filled[e] + beside[e] }).collect();
         let weights: Vec<f64> = p.weights.iter().map(|&w| if w > 0.0 { w } else { FILLED_WEIGHT }).collect();
         let smooth = if options.letter { mixed } else { filter::smooth(&mixed, &weights, &observed, m) };
         for t in 0..frames {

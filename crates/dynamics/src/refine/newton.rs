@@ -193,7 +193,9 @@ impl<R: Kernels> Window<R> {
         for (lane, state) in states.iter_mut().enumerate() {
             state.count((!failed[lane]).then_some((&places[lane].theta, places[lane].taken)));
             if !failed[lane] {
-                remember(&mut state.known, &newton.schur[lane]);
+                if self.counts[lane].is_seen() {
+                    remember(&mut state.known, &newton.schur[lane]);
+                }
                 state.tally.add(&self.counts[lane], places[lane].distance, &newton.schur[lane]);
             }
         }

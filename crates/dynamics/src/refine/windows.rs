@@ -136,7 +136,11 @@ fn add_structure<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Tak
     }
 }
 
-/// Targets: the samples; where there is none, the cleaned position with weight zero.
+/// Trust in the cleaned position where there is no sample. At 0 simulations of what is long unseen drift: on two hundred frames
+/// they end 2 mm further off and shake by a quarter more; at 0.3 little changes.
+const HELD: f64 = 0.1;
+
+/// Targets: the samples, with their trust; the cleaned positions elsewhere, with none.
 fn samples_of<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Take, cleaned: &[V3<R>]) -> Samples<R> {
     let n = bundle.n;
     let mut samples = Samples { points: cleaned.to_vec(), weights: vec![0.0; cleaned.len() * R::COUNT] };
@@ -353,14 +357,19 @@ impl<R: Kernels> Window<R> {
             (0..=self.span).map(|frame| (-0.5 * (frame as f64 / options.aging_frames).powi(2)).exp()).collect();
         for lane in 0..R::COUNT {
             let trust = |frame: usize, i: usize| samples.weights[((start + frame) * n + i) * R::COUNT + lane];
-            let at = |frame: usize, i: usize| aging[frame] * trust(frame, i);
+            let held = |i: usize| if options.letter || i >= bundle.counts[lane] { 0.0 } else { HELD };
+            let at = |frame: usize, i: usize| match trust(frame, i) {
+                0.0 => aging[frame] * held(i),
+                trust => aging[frame] * trust,
+            };
             let mut total = 0.0;
             for frame in 1..=self.span {
                 total += (bundle.fixed..n).map(|i| at(frame, i)).sum::<f64>();
             }
             let seen = |i: usize| (1..=self.span).filter(|&frame| trust(frame, i) > 0.0).count();
             let spare: usize = (bundle.fixed..n).map(|i| seen(i).saturating_sub(1)).sum();
-            self.counts[lane] = Count { trust: total, spare: spare as f64 };
+            let is_seen = (bundle.fixed..n).any(|i| seen(i) > 0);
+            self.counts[lane] = Count { trust: if is_seen { total } else { 0.0 }, spare: spare as f64 };
             let norm = if total > 0.0 { 1.0 / total } else { 0.0 };
             for frame in 1..=self.span {
                 for i in 0..n {

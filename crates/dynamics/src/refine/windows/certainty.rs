@@ -11,6 +11,9 @@
 //!   σ² = Σ N φ / Σ 3 (M − F) over the windows. (The velocities of stretched edges are not free; σ comes out up to a
 //!   twentieth too large.)
 //!
+//! Where there is no sample the cleaned position counts a little (`HELD`), in φ and in N: no degree of freedom comes of it, and
+//! at most a tenth of what a sample would say of θ.
+//!
 //! A sample is in as many windows as a window has frames (fewer at the ends), so the windows' information is summed and divided
 //! by the span. A log parameter lies within ± `log_range` of its start, evenly: a prior of variance `log_range`² / 3. Hence
 //!
@@ -99,10 +102,17 @@ impl Tally {
 /// What a lane's weights hide by their normalisation.
 #[derive(Clone, Default)]
 pub(in crate::refine) struct Count {
-    /// N: aging times trust, summed.
+    /// N: aging times trust, summed; 0 without a sample.
     pub(super) trust: f64,
     /// M − F: samples less particles that have one.
     pub(super) spare: f64,
+}
+
+impl Count {
+    /// Whether the window has a sample.
+    pub(in crate::refine) fn is_seen(&self) -> bool {
+        self.trust > 0.0
+    }
 }
 
 /// The inverse of a symmetric matrix whose pivots are at least `least` but for rounding.
