@@ -69,10 +69,11 @@ pub fn refine_bundle<R: Kernels>(lanes: &[&Prepared], take: &Take, options: &Ref
                 fitting.samples.points.copy_from_slice(&x);
             } else {
                 fitting.finish(&mut x, &mut scratch);
+                let is_last = pass + 1 == options.outer_passes;
+                add_structure(&fitting.bundle, lanes, take, is_last, &mut x);
             }
         }
         if !options.letter {
-            add_structure(&fitting.bundle, lanes, take, &mut x);
             fitting.finish(&mut x, &mut scratch);
         }
     }
@@ -112,8 +113,9 @@ fn by_newton(options: &RefineOptions) -> bool {
 /// that were followed from frame to frame have little of it, and what they err by is not noise.
 const FAITHFUL_NOISE_MM: f64 = 0.12;
 
-/// Adds back what the samples say consistently over time against the simulation, in head space.
-fn add_structure<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Take, x: &mut [V3<R>]) {
+/// Adds back what the samples say consistently over time against the simulation, in head space. Before the last pass only what
+/// samples without noise say: windows start from the states of the pass before, and would go astray further in each.
+fn add_structure<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Take, is_last: bool, x: &mut [V3<R>]) {
     let n = bundle.n;
     for (lane, p) in lanes.iter().enumerate() {
         let m = p.n;
@@ -123,12 +125,15 @@ fn add_structure<R: Kernels>(bundle: &Bundle<R>, lanes: &[&Prepared], take: &Tak
         let residual =
             |e: usize| if p.weights[e] > 0.0 && head[e].is_finite() { p.head[e] - head[e] } else { DVec3::ZERO };
         let residuals: Vec<DVec3> = (0..head.len()).map(residual).collect();
-        let structure = filter::structure(&residuals, &p.weights, m);
         let faith = 1.0 / (1.0 + (p.noise_mm / FAITHFUL_NOISE_MM).powi(4));
+        let structure =
+            if is_last { filter::structure(&residuals, &p.weights, m) } else { vec![DVec3::ZERO; residuals.len()] };
         let faithful = continued(&residuals, &p.weights, m, p.noise_mm);
         let correction = |e: usize| structure[e].lerp(faithful[e], faith);
         let mut corrected: Vec<DVec3> = (0..head.len()).map(|e| head[e] + correction(e)).collect();
-        filter::settle_ends(&mut corrected, m, |e| if p.weights[e] > 0.0 { 1.0 - faith } else { 1.0 });
+        if is_last {
+            filter::settle_ends(&mut corrected, m, |e| if p.weights[e] > 0.0 { 1.0 - faith } else { 1.0 });
+        }
         for t in 0..bundle.frames {
             let point = |i: usize| take.world_from_head[t].point(corrected[t * m + i]);
             bundle.put(&mut x[t * n..(t + 1) * n], lane, point);
