@@ -219,7 +219,7 @@ mod tests {
         let weights: Vec<f64> = (0..frames * n).map(|e| f64::from(u8::from(is_seen(e)))).collect();
         seen[10 * n + 9] += DVec3::Y * 40.0;
         let found = continued(&seen, &weights, n, 0.1);
-        for e in 0..frames * n {
+        for (e, found) in found.iter().enumerate() {
             let is_beside = (e / n).abs_diff(10) < 3 && (e % n).abs_diff(9) < 3;
             let most = if !is_seen(e) {
                 2.5
@@ -228,7 +228,7 @@ mod tests {
             } else {
                 0.3
             };
-            assert!(found[e].distance(wave(e)) < most, "frame {}, particle {}: {}", e / n, e % n, found[e]);
+            assert!(found.distance(wave(e)) < most, "frame {}, particle {}: {found}", e / n, e % n);
         }
         for t in 1..frames - 1 {
             for i in 0..n {

@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 
-use super::track::median;
+use super::shape::median;
 
 /// A jump from one frame to the next beyond this is another hair \[mm, mean over the particles\], unless the strand often
 /// goes as far: one that is grown anew in each frame is restless, and no less one hair.

@@ -1,9 +1,11 @@
 //! The whole chain from noisy strand tracks to refined ones, many strands at a time.
 //!
-//! 1. [`track`]: samples of one hair, trust in each from its neighbours in time, the root's path, and the rest shape.
-//! 2. [`clean`]: missing samples filled by simulation, a local quadratic filter in head space, and prox.
+//! 1. [`track`]: samples of one hair and the trust in each from its neighbours in time; the shape behind their noise (`shape`) and
+//!    the way of the root (`root`).
+//! 2. [`clean`]: missing samples filled by simulation and by what is seen beside them (`continuation`), a local quadratic filter in
+//!    head space, and prox.
 //! 3. [`windows`]: overlapping windows fitted to the *original* samples with parameters and initial velocity free,
-//!    averaged; repeated; finished with prox.
+//!    averaged; repeated; what the samples say beside them added back; finished with prox.
 //!
 //! Strands of similar particle count share a bundle, one strand a lane. Results do not depend on threads.
 //!
@@ -20,6 +22,7 @@ mod identity;
 mod newton;
 mod root;
 mod search;
+mod shape;
 pub mod track;
 pub mod windows;
 
