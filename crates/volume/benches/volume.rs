@@ -5,7 +5,7 @@
 
 use std::hint::black_box;
 
-use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DMat3, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 use strandflow_core::{Camera, Distortion, Grid, Mask, Occupancy, RigidTransform};
@@ -121,7 +121,12 @@ fn velocities(bench: &mut Criterion) {
     // Six places, the values around from memory once, and what is written is fetched before.
     group.throughput(Throughput::Bytes((region.len() * SWEEPS) as u64 * (24 + 16 + 2 * 16)));
     group.bench_function("sweeps", |b| {
-        b.iter(|| region.diffuse(black_box(vec![Vec4::ONE; region.len()]), 1.0 / 12.0, SWEEPS, Border::Zero));
+        let deposited = || vec![Vec4::ONE; region.len()];
+        b.iter_batched(
+            deposited,
+            |values| region.diffuse(black_box(values), 1.0 / 12.0, SWEEPS, Border::Zero),
+            BatchSize::LargeInput,
+        );
     });
 }
 

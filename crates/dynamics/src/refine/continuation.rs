@@ -28,7 +28,8 @@ pub fn continued(displacements: &[DVec3], weights: &[f64], n: usize, noise_mm: f
     if frames == 0 {
         return Vec::new();
     }
-    let noise_mm = if noise_mm.is_finite() { noise_mm } else { 0.0 };
+    // Nothing is known of an infinite noise: it is neither taken for a large one nor for none.
+    let noise_mm = if noise_mm.is_finite() { noise_mm } else { EXACT_NOISE_MM };
     let scale = ASTRAY_MM + ASTRAY_NOISE * noise_mm;
     let exact = (EXACT_NOISE_MM / noise_mm.max(1e-3)).powi(2).max(1.0);
     // By particle, then by frame.
@@ -123,43 +124,34 @@ struct Line {
 impl Line {
     fn new(trust: &[f64], hold: f64) -> Self {
         let frames = trust.len();
-        let stencil = |t: usize| -> [f64; 3] {
-            // Row t of D₂ᵀD₂: on the diagonal, one before, two before.
-            let mut row = [0.0; 3];
-            for (first, own) in [(t.wrapping_sub(2), 1.0), (t.wrapping_sub(1), -2.0), (t, 1.0)] {
-                if first < frames && first + 2 < frames {
-                    let at = |s: usize| if s == first + 1 { -2.0 } else { 1.0 };
-                    row[0] += own * own;
-                    if t > first {
-                        row[1] += own * at(t - 1);
-                    }
-                    if t > first + 1 {
-                        row[2] += own * at(t - 2);
-                    }
-                }
-            }
-            row.map(|r| IN_TIME * r)
-        };
-        let mut rows: Vec<[f64; 3]> = Vec::with_capacity(frames);
-        let mut pivots: Vec<f64> = Vec::with_capacity(frames);
+        // D₂ᵀD₂: on the diagonal, one before, two before.
+        let mut rows = vec![[0.0; 3]; frames];
+        for t in 2..frames {
+            rows[t - 2][0] += 1.0;
+            rows[t - 1][0] += 4.0;
+            rows[t][0] += 1.0;
+            rows[t - 1][1] -= 2.0;
+            rows[t][1] -= 2.0;
+            rows[t][2] += 1.0;
+        }
+        let mut pivots = Vec::with_capacity(frames);
         for t in 0..frames {
-            let [own, one, two] = stencil(t);
-            let second = if t >= 2 { two / pivots[t - 2] } else { 0.0 };
-            let first = if t >= 1 {
-                let shared = if t >= 2 { second * pivots[t - 2] * rows[t - 1][1] } else { 0.0 };
-                (one - shared) / pivots[t - 1]
-            } else {
-                0.0
-            };
+            let [own, one, two] = rows[t].map(|r| IN_TIME * r);
+            let (mut first, mut second) = (0.0, 0.0);
             let mut pivot = own + trust[t] + hold;
+            if t >= 2 {
+                second = two / pivots[t - 2];
+                first -= second * pivots[t - 2] * rows[t - 1][1];
+            }
             if t >= 1 {
+                first = (one + first) / pivots[t - 1];
                 pivot -= first * first * pivots[t - 1];
             }
             if t >= 2 {
                 pivot -= second * second * pivots[t - 2];
             }
             pivots.push(pivot);
-            rows.push([1.0 / pivot, first, second]);
+            rows[t] = [1.0 / pivot, first, second];
         }
         Self { rows }
     }
@@ -234,7 +226,8 @@ mod tests {
             for i in 0..n {
                 let at = |t: usize| found[t * n + i];
                 let second = at(t - 1) - 2.0 * at(t) + at(t + 1);
-                assert!(second.length() < 2.5, "frame {t}, particle {i}: {second}");
+                let most = if t.abs_diff(10) < 4 && i.abs_diff(9) < 3 { 2.5 } else { 0.4 };
+                assert!(second.length() < most, "frame {t}, particle {i}: {second}");
             }
         }
         assert!(continued(&seen, &vec![0.0; frames * n], n, 0.1).iter().all(|u| u.length() == 0.0));

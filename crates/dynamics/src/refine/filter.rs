@@ -54,10 +54,7 @@ pub fn structure(residuals: &[DVec3], weights: &[f64], n: usize) -> Vec<DVec3> {
             let (fitted, leverage) = fit_all(&averaged, &total, n, half);
             let error: f64 = (0..residuals.len())
                 .filter(|&e| weights[e] > 0.0)
-                .map(|e| {
-                    let own = leverage[e].min(0.95);
-                    square(e, (fitted[e] - own * averaged[e]) / (1.0 - own))
-                })
+                .map(|e| square(e, left_out(averaged[e], fitted[e], leverage[e])))
                 .sum();
             if error < best.0 {
                 best = (error, fitted);
@@ -108,6 +105,12 @@ pub fn settle_ends(values: &mut [DVec3], n: usize, share: impl Fn(usize) -> f64)
     }
 }
 
+/// What a fit of [`fit_all`] would have been without the sample itself.
+pub fn left_out(value: DVec3, fitted: DVec3, leverage: f64) -> DVec3 {
+    let own = leverage.min(0.95);
+    (fitted - own * value) / (1.0 - own)
+}
+
 /// The fit at every sample and its leverage (the weight of a sample in its own fit).
 pub fn fit_all(values: &[DVec3], weights: &[f64], n: usize, half: usize) -> (Vec<DVec3>, Vec<f64>) {
     let frames = values.len() / n;
@@ -152,6 +155,16 @@ fn quadratic_at_zero(samples: impl Iterator<Item = (f64, f64, DVec3)>) -> Option
     Some(((c0 * b[0] + c1 * b[1] + c2 * b[2]) / determinant, c0 / determinant))
 }
 
+/// White noise of the variance 1 a coordinate, one vector a number: a multiplicative hash.
+#[cfg(test)]
+pub(super) fn white(e: usize) -> DVec3 {
+    let number = |axis: u64| {
+        let h = (e as u64 * 3 + axis + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        ((h ^ (h >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9) >> 40) as f64 / f64::from(1 << 24) - 0.5
+    };
+    12f64.sqrt() * DVec3::new(number(0), number(1), number(2))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -160,12 +173,7 @@ mod tests {
     fn structure_is_found_in_waves_and_not_in_noise() {
         let n = 20;
         let wave = |e: usize| DVec3::X * 3.0 * (0.2 * (e / n) as f64 + 0.1 * (e % n) as f64).sin();
-        // A multiplicative hash as white noise.
-        let white = |e: usize, axis: u64| {
-            let h = (e as u64 * 3 + axis + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-            ((h ^ (h >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9) >> 40) as f64 / f64::from(1 << 24) - 0.5
-        };
-        let noise = |e: usize| 8.0 * DVec3::new(white(e, 0), white(e, 1), white(e, 2));
+        let noise = |e: usize| 8.0 / 12f64.sqrt() * white(e);
         let weights = vec![1.0; 60 * n];
         let found = structure(&(0..60 * n).map(|e| wave(e) + noise(e)).collect::<Vec<_>>(), &weights, n);
         let error = (0..60 * n).map(|e| found[e].distance_squared(wave(e))).sum::<f64>() / (60 * n) as f64;

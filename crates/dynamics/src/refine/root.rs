@@ -20,7 +20,7 @@ const UNSEEN: f64 = 0.02;
 ///
 /// *Deviation*: the paper moves them rigidly with the head. Hair bends within millimetres of its root and is reconstructed there
 /// with errors that last; what hangs from the median shape is off by that along all its length, and torn from the samples. Of
-/// the first 512 strands of a take of 200 frames `fit` gave up 255 then and 194 with this alone (`docs/dynamics.md`).
+/// the first 512 strands of a take of 200 frames `fit` gave up 255 then and 194 with this alone (`docs/results.md`).
 pub fn way(head: &[DVec3], weights: &[f64], n: usize, median: &[DVec3], rest: &RestShape) -> Vec<DVec3> {
     let fixed = CLAMPED.min(n);
     let frames = head.len() / n.max(1);
@@ -64,11 +64,7 @@ fn steadied(moved: &[DVec3], trust: &[f64], is_seen: &[bool], fixed: usize) -> V
     let mut best = (seen().map(|e| square(e, DVec3::ZERO)).sum::<f64>(), vec![DVec3::ZERO; moved.len()]);
     for half in HALF_WIDTHS {
         let (fitted, leverage) = filter::fit_all(moved, trust, fixed, half);
-        let left_out = |e: usize| {
-            let own = leverage[e].min(0.95);
-            (fitted[e] - own * moved[e]) / (1.0 - own)
-        };
-        let error: f64 = seen().map(|e| square(e, left_out(e))).sum();
+        let error: f64 = seen().map(|e| square(e, filter::left_out(moved[e], fitted[e], leverage[e]))).sum();
         if error < BETTER * best.0 {
             best = (error, fitted);
         }
@@ -98,12 +94,8 @@ mod tests {
 
     /// A straight strand of four particles that swings about its root by `angle(t)`, with noise of `noise_mm`, and its median shape.
     fn swung(angle: impl Fn(usize) -> f64, noise_mm: f64) -> (Vec<DVec3>, Vec<DVec3>, RestShape) {
-        let white = |e: usize, axis: u64| {
-            let h = (e as u64 * 3 + axis + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-            ((h ^ (h >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9) >> 40) as f64 / f64::from(1 << 24) - 0.5
-        };
         let at = |angle: f64, i: usize| EDGE * i as f64 * DVec3::new(angle.sin(), 0.0, -angle.cos());
-        let noise = |e: usize| noise_mm * 12f64.sqrt() * DVec3::new(white(e, 0), white(e, 1), white(e, 2));
+        let noise = |e: usize| noise_mm * filter::white(e);
         let head = (0..FRAMES * 4).map(|e| at(angle(e / 4), e % 4) + if e % 4 > 0 { noise(e) } else { DVec3::ZERO });
         let median: Vec<DVec3> = (0..4).map(|i| at(0.0, i)).collect();
         let rest = RestShape::from_positions(&median, EDGE);

@@ -91,9 +91,10 @@ pub(super) fn rest_shape(head: &[DVec3], weights: &[f64], n: usize, median_shape
             _ => edge,
         })
         .collect();
-    let steadiness: Vec<f64> = (0..n.saturating_sub(2)).map(|i| bend_steadiness(head, weights, n, i)).collect();
-    let mut squares: [Vec<f64>; 3] = Default::default();
-    for order in 1..=3usize {
+    let steadiness: Option<Vec<f64>> =
+        steady.then(|| (0..n.saturating_sub(2)).map(|i| bend_steadiness(head, weights, n, i)).collect());
+    let mut squares = [lengths.iter().map(|l| l * l).collect(), vec![], vec![]];
+    for order in 2..=3usize {
         let noise = if steady { 0.0 } else { difference_noise(head, weights, n, order) };
         let longest = |i: usize| lengths[i..i + order].iter().sum::<f64>().powi(2);
         let mut raw: Vec<(f64, f64)> = (0..n.saturating_sub(order))
@@ -101,20 +102,18 @@ pub(super) fn rest_shape(head: &[DVec3], weights: &[f64], n: usize, median_shape
                 let longest = longest(i);
                 let (mean, total) = over_frames(weights, n, i, order, |e| head[e].distance_squared(head[e + order]));
                 let unseen = median_shape[i].distance_squared(median_shape[i + order]);
-                if total == 0.0 {
-                    (unseen, 1e-3)
-                } else if steady && order > 1 {
-                    let near = &steadiness[i..i + order - 1];
-                    let own = near.iter().sum::<f64>() / near.len() as f64;
-                    (longest - own * (longest - mean).max(0.0), total)
-                } else {
-                    (mean - noise, total)
+                match &steadiness {
+                    _ if total == 0.0 => (unseen, 1e-3),
+                    None => (mean - noise, total),
+                    Some(steadiness) => {
+                        let near = &steadiness[i..i + order - 1];
+                        let own = near.iter().sum::<f64>() / near.len() as f64;
+                        (longest - own * (longest - mean).max(0.0), total)
+                    }
                 }
             })
             .collect();
-        if order == 1 {
-            raw.iter_mut().enumerate().for_each(|(i, r)| r.0 = longest(i));
-        } else if !steady {
+        if !steady {
             along_strand(&mut raw);
         }
         // No chord is longer than its edges; one under 40 % of them is noise.

@@ -97,6 +97,7 @@ const MOTION_SHARE: f64 = 0.5;
 const GONE: f64 = 2.0;
 /// Typical deviations below this count as this \[mm\], so that clean data are not thinned.
 const OUTLIER_FLOOR_MM: f64 = 1.5;
+
 /// Prepares a strand, with the body that the whole take gave it where there is one; `None` if no sample can be used and there is
 /// no body.
 pub fn prepare(track: &Track, body: Option<&Body>, take: &Take, options: &RefineOptions) -> Option<Prepared> {
