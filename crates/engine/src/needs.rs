@@ -56,6 +56,18 @@ impl<'a> Needs<'a> {
     /// # Errors
     /// `Missing` where the item is not finished; `Disk` where that cannot be told.
     pub fn item(&mut self, key: &str, arrays: &[&str]) -> Result<(), EngineError> {
+        self.arrays_of(key, arrays).map(drop)
+    }
+
+    /// A finished item whose values are stated by [`Needs::value`] instead; its record.
+    ///
+    /// # Errors
+    /// `Missing` where the item is not finished.
+    pub fn finished(&mut self, key: &str) -> Result<Arc<Record>, EngineError> {
+        self.arrays_of(key, &[])
+    }
+
+    fn arrays_of(&mut self, key: &str, arrays: &[&str]) -> Result<Arc<Record>, EngineError> {
         let record = match self.records {
             Some(records) => records.of(self.store, key)?,
             None => self.store.finished(key)?.map(Arc::new),
@@ -68,15 +80,7 @@ impl<'a> Needs<'a> {
             hasher.update(array.as_bytes()).update(hash.as_bytes());
         }
         self.items.push(key.to_owned());
-        Ok(())
-    }
-
-    /// A finished item whose values are stated by [`Needs::value`] instead.
-    ///
-    /// # Errors
-    /// `Missing` where the item is not finished.
-    pub fn finished(&mut self, key: &str) -> Result<(), EngineError> {
-        self.item(key, &[])
+        Ok(record)
     }
 
     /// The hashes by kind, and the keys of the items read.

@@ -61,6 +61,12 @@ impl Store {
         Ok(transform_from_slice(&rows))
     }
 
+    /// The head's motion in all frames of the take.
+    pub fn read_head_motion(&self) -> Result<Vec<RigidTransform>, EngineError> {
+        let rows: Vec<f64> = self.read_all("pose/world_from_head")?;
+        Ok(rows.chunks_exact(16).map(transform_from_slice).collect())
+    }
+
     /// The scalp and its roots.
     pub fn read_scalp(&self) -> Result<Scalp, EngineError> {
         let vectors = |path: &str| -> Result<Vec<DVec3>, EngineError> {
@@ -246,14 +252,13 @@ impl Take {
     pub fn read_poses(&self) -> Result<HeadPoses, EngineError> {
         let shape = self.store().shape("pose/tracks")?;
         let (times, views, markers) = (shape[0], shape[1], shape[2]);
-        let rows: Vec<f64> = self.store().read_all("pose/world_from_head")?;
         let positions: Vec<f64> = self.store().read_all("pose/markers")?;
         let tracks: Vec<f64> = self.store().read_all("pose/tracks")?;
         let position = |i: usize| some_finite(DVec3::from_slice(&positions[3 * i..]), DVec3::is_finite);
         let track = |i: usize| some_finite(DVec2::from_slice(&tracks[2 * i..]), DVec2::is_finite);
         let interpolated: Vec<u8> = self.store().read_all("pose/interpolated")?;
         Ok(HeadPoses {
-            world_from_head: rows.chunks_exact(16).map(transform_from_slice).collect(),
+            world_from_head: self.store().read_head_motion()?,
             markers: (0..times).map(|t| (0..markers).map(|m| position(t * markers + m)).collect()).collect(),
             tracks: (0..times * views)
                 .map(|tv| (0..markers).map(|m| track(tv * markers + m)).collect())

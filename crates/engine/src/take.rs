@@ -8,7 +8,7 @@ use strandflow_stages::Mode;
 
 use crate::{
     EngineError, Manifest, Plan, disk, item::BLOCK_STRANDS, needs::Identities, rooms::field::HeadShape,
-    rooms::masks::Looks, sources::Sources, store::Store, views::Views,
+    rooms::masks::Looks, rooms::pose::KnownMotion, sources::Sources, store::Store, views::Views,
 };
 
 /// Name of the results store within a take.
@@ -35,6 +35,7 @@ pub struct Take {
     identities: Identities,
     looks: Looks,
     head: HeadShape,
+    head_motion: KnownMotion,
 }
 
 impl Take {
@@ -59,6 +60,7 @@ impl Take {
             identities,
             looks,
             head: HeadShape::default(),
+            head_motion: KnownMotion::default(),
         })
     }
 
@@ -90,6 +92,11 @@ impl Take {
     /// The scalp as a distance.
     pub(crate) fn head_shape(&self) -> &HeadShape {
         &self.head
+    }
+
+    /// The head's motion, as it was read last.
+    pub(crate) fn head_motion(&self) -> &KnownMotion {
+        &self.head_motion
     }
 
     /// Gravity \[mm/s²\], world.

@@ -56,9 +56,12 @@ pub(crate) fn of_stage(stage: &'static str) -> impl Fn(StageError) -> EngineErro
 
 /// The head's motion in a frame, by value: another frame's pose may change without this one's results going stale.
 pub(crate) fn need_pose(job: &Job, frames: impl Iterator<Item = usize>, needs: &mut Needs) -> Result<(), EngineError> {
-    needs.finished("pose/pose/take")?;
+    let record = needs.finished("pose/pose/take")?;
+    let motion = job.take.head_motion().of(job.take.store(), &record)?;
     for frame in frames {
-        needs.value("stage pose", "world_from_head", &job.take.read_pose(frame)?.to_rows());
+        let pose = motion.get(frame.saturating_sub(job.take.frames().start));
+        let pose = pose.ok_or_else(|| EngineError::store("pose/world_from_head", format!("has no frame {frame}")))?;
+        needs.value("stage pose", "world_from_head", &pose.to_rows());
     }
     Ok(())
 }

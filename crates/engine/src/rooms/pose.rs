@@ -1,9 +1,12 @@
 //! Stage 3.
 
-use std::collections::BTreeMap;
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, PoisonError},
+};
 
 use glam::DVec2;
-use strandflow_core::{FrameRange, Place, Report};
+use strandflow_core::{FrameRange, Place, Report, RigidTransform};
 use strandflow_stages::{
     StageError,
     pose::{HeadPoses, MarkerLabel, PoseInput},
@@ -14,9 +17,32 @@ use crate::{
     EngineError, Needs,
     item::Item,
     sources::{NumberedMarker, TakeLabels},
-    store::Writer,
+    store::{Record, Store, Writer},
     table::Job,
 };
+
+/// The motion of the head in all frames, which most items rest on: read once as long as its record stays the same.
+#[derive(Default)]
+pub(crate) struct KnownMotion(Mutex<Option<(String, Arc<Motion>)>>);
+
+/// `world_from_head` by frame of the take, from its first.
+pub(crate) type Motion = Vec<RigidTransform>;
+
+const MOTION: &str = "pose/world_from_head";
+
+impl KnownMotion {
+    /// The motion that a record tells of.
+    pub(crate) fn of(&self, store: &Store, record: &Record) -> Result<Arc<Motion>, EngineError> {
+        let hash = record.outputs.get(MOTION).cloned().unwrap_or_default();
+        let known = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, motion)) = known().as_ref().filter(|(of, _)| *of == hash) {
+            return Ok(motion.clone());
+        }
+        let motion: Arc<Motion> = Arc::new(store.read_head_motion()?);
+        *known() = Some((hash, motion.clone()));
+        Ok(motion)
+    }
+}
 
 pub(crate) fn prepare(_: &Job) -> Result<(), EngineError> {
     Ok(())
@@ -83,7 +109,7 @@ fn write(job: &Job, out: &mut Writer, poses: &HeadPoses, ids: &[u32]) -> Result<
         }
     }
     let rows: Vec<f64> = poses.world_from_head.iter().flat_map(|pose| pose.to_rows()).flatten().collect();
-    out.whole("pose/world_from_head", &[times, 4, 4], &rows)?;
+    out.whole(MOTION, &[times, 4, 4], &rows)?;
     let positions = poses.markers.iter().flatten().flat_map(|m| m.map_or([f64::NAN; 3], |p| p.to_array()));
     out.whole("pose/markers", &[times, markers, 3], &positions.collect::<Vec<_>>())?;
     let mut tracks = vec![[f64::NAN; 2]; times * views * markers];

@@ -4,7 +4,7 @@ use glam::DVec3;
 use strandflow_core::{Mask, Occupancy, Report, TriMesh};
 use strandflow_stages::scalp::{ScalpFrame, ScalpInput};
 
-use super::{need_hull, need_masks, need_rig, of_stage, of_views, refs};
+use super::{need_hull, need_masks, need_pose, need_rig, of_stage, of_views, refs};
 use crate::{EngineError, Needs, item::Item, store::Writer, table::Job};
 
 /// Frames in which the head turned less than this since the first \[rad\] count as still: 2° moves the surface of a
@@ -25,7 +25,7 @@ pub(crate) fn needs(job: &Job, _: Item, needs: &mut Needs) -> Result<(), EngineE
     needs.value("values", "gravity", &job.take.manifest().gravity);
     needs.item("pose/pose/take", &["pose/markers"])?;
     for frame in still_frames(job)? {
-        needs.value("stage pose", "world_from_head", &job.take.read_pose(frame)?.to_rows());
+        need_pose(job, [frame].into_iter(), needs)?;
         need_hull(frame, needs)?;
         need_masks(job, frame, &["masks/subject", "masks/hair"], needs)?;
     }
