@@ -68,7 +68,8 @@ pub fn farm(args: &RunArgs, take: &Take, plan: &Plan, options: &RunOptions) -> R
 
 impl Farm<'_> {
     fn arrays(&self) -> Result<Vec<Array>, Failed> {
-        let sizes = Sizes { task_secs: self.args.task_secs, max_tasks: self.args.max_tasks as usize };
+        let (task_secs, max_tasks) = (self.args.task_secs, self.args.max_tasks as usize);
+        let sizes = Sizes { task_secs, max_tasks, in_order: self.args.engine == Engine::Slurm };
         let durations = Durations::of_take(self.take.root());
         Ok(arrays(self.take, self.plan, self.options.phases.clone(), sizes, &durations)?)
     }

@@ -76,10 +76,11 @@ fn options(args: &RunArgs) -> Result<RunOptions, Failed> {
         let hint = format!("{from} comes after {to}");
         return Err(Failed::input("--from names a later stage than --to", hint));
     }
-    // The first items of each are what a task of several short phases has.
-    if args.items.as_ref().is_some_and(|items| items.0.start > 0) && phases.len() > 1 {
-        let names: Vec<&str> =
-            table::phases().map(|(_, phase)| phase.name).take(phases.end).skip(phases.start).collect();
+    // The first items of each are what a task of several short phases has; beyond, the same number must mean the same.
+    let asked: Vec<_> = table::phases().map(|(_, phase)| phase).take(phases.end).skip(phases.start).collect();
+    let share = asked.windows(2).all(|pair| pair[0].kind == pair[1].kind && pair[1].follows(pair[0]));
+    if args.items.as_ref().is_some_and(|items| items.0.start > 0) && !share {
+        let names: Vec<&str> = asked.iter().map(|phase| phase.name).collect();
         let hint = format!("let --from and --to name one of {}", names.join(", "));
         return Err(Failed::input("--items beyond the first count the work items of one phase", hint));
     }

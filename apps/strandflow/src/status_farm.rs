@@ -86,9 +86,10 @@ fn of_job(job: &Submitted, phase: &PhaseStates, queued: &[QueuedTask]) -> Tasks 
         *counts.entry(if task.runs { task.node.clone() } else { task.reason.clone() }).or_default() += 1;
     }
     let there: BTreeSet<usize> = ours().map(|task| task.task).collect();
+    let parts = phase.kind.parts(&phase.chains);
     let undone = |task: &&usize| {
-        let chains = phase.chains.iter().skip(**task * job.per_task).take(job.per_task);
-        chains.flatten().any(|state| matches!(state, State::Missing | State::Stale(_)))
+        let parts = parts.iter().skip(**task * job.per_task).take(job.per_task);
+        parts.copied().flatten().any(|state| matches!(state, State::Missing | State::Stale(_)))
     };
     let ended = job.tasks.iter().filter(|task| !there.contains(task)).filter(undone);
     let output = |task: &usize| {
@@ -118,6 +119,8 @@ fn failed_on(take: &Take) -> BTreeMap<String, BTreeMap<String, usize>> {
 
 #[cfg(test)]
 mod tests {
+    use strandflow_engine::Kind;
+
     use super::*;
 
     #[test]
@@ -132,7 +135,8 @@ mod tests {
         };
         let chains =
             [State::Done, State::Done, State::Missing, State::Done, State::Missing, State::Missing, State::Missing];
-        let phase = PhaseStates { phase: "lift/lift", chains: chains.map(|state| vec![state]).to_vec() };
+        let phase =
+            PhaseStates { phase: "lift/lift", kind: Kind::Frame, chains: chains.map(|state| vec![state]).to_vec() };
         let tasks = of_job(&job, &phase, &[task(2, true, "n2"), task(3, false, "")]);
         assert_eq!(
             tasks.to_string(),

@@ -35,9 +35,32 @@ pub enum Kind {
     Block,
 }
 
-/// Work items of a phase by number, chain by chain: `A..B`, or `NxK` for run number N of K each.
+/// Parts of a phase ([`Kind::parts`]) by number: `A..B`, or `NxK` for run number N of K each.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ItemRange(pub Range<usize>);
+
+impl Kind {
+    /// What tasks share out among them, and `--items` counts: chains, each whole, for there are many; where all items are one
+    /// chain, its items. A task that begins within it does what is missing before.
+    pub fn parts<T>(self, chains: &[Vec<T>]) -> Vec<&[T]> {
+        match self {
+            Self::FrameChained => chains.iter().flat_map(|chain| chain.chunks(1)).collect(),
+            _ => chains.iter().map(Vec::as_slice).collect(),
+        }
+    }
+
+    /// The chains of a task that is asked for some parts; what lies beyond the last is none.
+    pub(crate) fn chains_of<T: Clone>(self, chains: &[Vec<T>], asked: &Range<usize>) -> Vec<Vec<T>> {
+        let within = |count: usize| asked.start.min(count)..asked.end.min(count);
+        match self {
+            Self::FrameChained => {
+                let begun = chains.iter().filter(|chain| asked.start < chain.len());
+                begun.map(|chain| chain[..within(chain.len()).end].to_vec()).collect()
+            }
+            _ => chains[within(chains.len())].to_vec(),
+        }
+    }
+}
 
 impl FromStr for ItemRange {
     type Err = String;
@@ -87,6 +110,16 @@ impl Item {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn chains_are_done_whole_and_one_chain_from_its_start() {
+        let (many, one) = ([vec![1, 2], vec![3, 4], vec![5]], [vec![1, 2, 3, 4, 5]]);
+        assert_eq!(Kind::ViewFrameChained.parts(&many).len(), 3);
+        assert_eq!(Kind::ViewFrameChained.chains_of(&many, &(1..7)), [vec![3, 4], vec![5]]);
+        assert_eq!(Kind::FrameChained.parts(&one).len(), 5);
+        assert_eq!(Kind::FrameChained.chains_of(&one, &(2..4)), [vec![1, 2, 3, 4]]);
+        assert!(Kind::FrameChained.chains_of(&one, &(5..7)).is_empty());
+    }
 
     #[test]
     fn items_are_read_by_range_or_by_run() {

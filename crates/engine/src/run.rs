@@ -34,8 +34,8 @@ pub use summary::{PhaseSummary, Summary};
 pub struct RunOptions {
     /// Indices of phases in the table.
     pub phases: Range<usize>,
-    /// A task among many, which may run side by side on any machines: these chains of the phases, by number, as far as there
-    /// are so many. No two items write one chunk, so any ranges will do.
+    /// A task among many, which may run side by side on any machines: these parts of the phases ([`Kind::parts`]), by number, as
+    /// far as there are so many. No two items write one chunk, so any ranges will do.
     pub items: Option<Range<usize>>,
     /// Threads; also the most items in flight.
     pub threads: usize,
@@ -160,11 +160,14 @@ impl Runner<'_> {
             Err(error) => return Err(error),
         };
         let blocked_whole = chains.is_empty();
-        let chains = self.asked_for(&chains);
+        let chains = match &self.options.items {
+            Some(asked) => phase.kind.chains_of(&chains, asked),
+            None => chains,
+        };
         let items = chains.iter().map(Vec::len).sum();
         (self.audience)(&Event::PhaseStarted { phase: phase.name, summary: stage.summary, items });
         let found = Mutex::new(Found::default());
-        self.work(stage, phase, chains, &found);
+        self.work(stage, phase, &chains, &found);
         let Found { mut summary, kinds } = found.into_inner().unwrap_or_else(PoisonError::into_inner);
         summary.phase = phase.name;
         (summary.finding_kinds, summary.first_findings) = (kinds.count(), kinds.in_words(FINDINGS_SHOWN));
@@ -178,12 +181,6 @@ impl Runner<'_> {
         }
         (self.audience)(&finished);
         Ok(summary)
-    }
-
-    /// The chains of a task; how many there are is known only now, so what lies beyond is none.
-    fn asked_for<'c>(&self, chains: &'c [Vec<Item>]) -> &'c [Vec<Item>] {
-        let count = chains.len();
-        self.options.items.as_ref().map_or(chains, |asked| &chains[asked.start.min(count)..asked.end.min(count)])
     }
 
     /// As many workers as threads take chains in order; the stages' own parallel loops run in the pool.

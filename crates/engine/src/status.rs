@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::{
     EngineError, Plan, Take,
-    item::Item,
+    item::{Item, Kind},
     needs::Records,
     store::Failure,
     table::{Job, Phase, STAGES, Stage, phases},
@@ -122,6 +122,8 @@ pub enum Look {
 pub struct PhaseStates {
     /// `stage/phase`.
     pub phase: &'static str,
+    /// The kind of its items.
+    pub kind: Kind,
     /// The states, chain by chain; none where it is not known yet which items there are.
     pub chains: Vec<Vec<State>>,
 }
@@ -175,7 +177,7 @@ impl Looker<'_> {
             Ok(state)
         });
         let chains = chains.iter().map(|chain| states.by_ref().take(chain.len()).collect());
-        Ok(PhaseStates { phase: phase.name, chains: chains.collect::<Result<_, EngineError>>()? })
+        Ok(PhaseStates { phase: phase.name, kind: phase.kind, chains: chains.collect::<Result<_, EngineError>>()? })
     }
 
     fn item(&self, stage: &Stage, phase: &Phase, item: Item) -> Result<Seen, EngineError> {

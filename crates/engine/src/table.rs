@@ -318,6 +318,14 @@ pub struct Inputs {
 }
 
 impl Phase {
+    /// Whether part n reads part n of another phase and no other part of it: one task can do both, or go on where the other's
+    /// ends.
+    pub fn follows(&self, before: &Self) -> bool {
+        let of_frame = |kind| matches!(kind, Kind::Frame | Kind::FrameChained);
+        let alike = self.kind == before.kind || of_frame(self.kind) && of_frame(before.kind);
+        alike && self.span == before.span && self.same.contains(&before.name) && !self.others.contains(&before.name)
+    }
+
     /// All items, in chains: items of one chain run in order, chains run side by side.
     ///
     /// # Errors

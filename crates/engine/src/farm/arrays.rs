@@ -1,6 +1,6 @@
 //! Which tasks there are, how many items each has, and what it waits for.
 
-use std::ops::Range;
+use std::{collections::BTreeSet, ops::Range};
 
 use crate::{
     EngineError, Plan, Take,
@@ -17,19 +17,24 @@ pub struct Sizes {
     pub task_secs: f64,
     /// The most tasks of one array.
     pub max_tasks: usize,
+    /// Whether the scheduler can run the tasks of an array in their order, one at a time.
+    pub in_order: bool,
 }
 
-/// The tasks of one phase, or the one task of several that are short.
+/// The tasks of some phases that one task does one after the other; of one phase as a rule.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Array {
     /// `stage/phase`, in order.
     pub phases: Vec<&'static str>,
-    /// Chains of the phase with the most; of strands, which are not counted before the scalp is there, as many as there can be.
-    pub chains: usize,
-    /// Chains of a task: task n does those from n times as many on.
+    /// Parts ([`Kind::parts`]) of the phase with the most; of strands, which are not counted before the scalp is there, as many as
+    /// there can be.
+    pub parts: usize,
+    /// Parts of a task: task n does those from n times as many on.
     pub per_task: usize,
     /// Tasks that have something to do.
     pub tasks: Vec<usize>,
+    /// Whether they have to run one at a time in their order: each goes on where the one before ends.
+    pub in_order: bool,
     /// What they wait for.
     pub after: Vec<After>,
 }
@@ -49,9 +54,9 @@ impl Array {
         self.phases.first().copied().unwrap_or_default()
     }
 
-    /// How many tasks cover all chains.
+    /// How many tasks cover all parts.
     pub fn task_count(&self) -> usize {
-        self.chains.div_ceil(self.per_task)
+        self.parts.div_ceil(self.per_task)
     }
 }
 
@@ -79,44 +84,83 @@ pub fn arrays(
     Ok(arrays_of(rows.collect(), sizes))
 }
 
-fn arrays_of(mut rows: Vec<Row>, sizes: Sizes) -> Vec<Array> {
-    Row::size(&mut rows, sizes);
-    let mut groups: Vec<Vec<Row>> = Vec::new();
-    for row in rows {
-        match groups.last_mut() {
-            Some(group) if are_short(group, &row, sizes.task_secs) => group.push(row),
-            _ => groups.push(vec![row]),
-        }
-    }
+fn arrays_of(rows: Vec<Row>, sizes: Sizes) -> Vec<Array> {
+    let mut groups = fused(rows);
+    size(&mut groups, sizes);
+    let groups = with_short_ones_joined(groups, sizes.task_secs);
     (0..groups.len()).map(|at| array_of(&groups[at], &groups[..at])).collect()
 }
 
-/// Whether phases of one task each last no longer together than a task has to: a job for each would cost more than it does.
-fn are_short(group: &[Row], row: &Row, task_secs: f64) -> bool {
-    let rows = || group.iter().chain([row]);
-    rows().all(|row| row.per_task == row.pending.len()) && rows().map(Row::secs).sum::<f64>() <= task_secs
+/// Phases of which part n reads part n of the one before, in one task: it starts once and waits once, and no machine waits for the
+/// others between them.
+fn fused(rows: Vec<Row>) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::new();
+    for row in rows {
+        match groups.last_mut() {
+            Some(group) if group.takes(&row) => group.rows.push(row),
+            _ => groups.push(Group { rows: vec![row], per_task: 1 }),
+        }
+    }
+    groups
 }
 
-fn array_of(group: &[Row], before: &[Vec<Row>]) -> Array {
-    let tasks = group[0].tasks();
-    let reads = |row: &Row, other: &Row| {
-        row.phase.same.contains(&other.phase.name) || row.phase.others.contains(&other.phase.name)
+/// Of groups of which one goes on where the other ends, the one is made no longer than this many times its length, so that they can
+/// have the same tasks and each can begin before all of the other are done.
+const MUCH_LONGER: usize = 4;
+
+/// Chooses how many parts a task has: as many as last long enough, spread evenly. Groups of which one goes on where the other ends
+/// have the same where that makes no task much longer than it has to be.
+fn size(groups: &mut [Group], sizes: Sizes) {
+    for group in &mut *groups {
+        let parts = group.parts();
+        let tasks = (parts as f64 * group.part_secs() / sizes.task_secs) as usize;
+        group.per_task = parts.div_ceil(tasks.clamp(1, sizes.max_tasks.clamp(1, parts)));
+        if group.is_whole(sizes) {
+            group.per_task = parts;
+        }
+    }
+    let own: Vec<usize> = groups.iter().map(|group| group.per_task).collect();
+    let mut first = 0;
+    for at in 0..groups.len() {
+        let alike = |other: usize| own[at].max(own[other]) < MUCH_LONGER * own[at].min(own[other]);
+        let whole = |at: usize| groups[at].is_whole(sizes);
+        let goes_on = at > 0 && groups[at].goes_on_from(&groups[at - 1]) && !whole(at) && !whole(at - 1);
+        if !(goes_on && (first..at).all(alike)) {
+            first = at;
+        }
+        let most = own[first..=at].iter().copied().max().unwrap_or(1);
+        groups[first..=at].iter_mut().for_each(|group| group.per_task = most);
+    }
+}
+
+/// Groups of one task each that together last no longer than a task has to: a job for each would cost more than it does.
+fn with_short_ones_joined(groups: Vec<Group>, task_secs: f64) -> Vec<Group> {
+    let mut joined: Vec<Group> = Vec::new();
+    for group in groups {
+        let is_short = |group: &Group| group.per_task == group.parts();
+        match joined.last_mut() {
+            Some(last) if is_short(last) && is_short(&group) && last.secs() + group.secs() <= task_secs => {
+                last.rows.extend(group.rows);
+                last.per_task = last.parts();
+            }
+            _ => joined.push(group),
+        }
+    }
+    joined
+}
+
+fn array_of(group: &Group, before: &[Group]) -> Array {
+    let after = |(at, other): (usize, &Group)| {
+        let corresponding = at + 1 == before.len() && group.goes_on_from(other) && other.tasks() == group.tasks();
+        After { phase: other.rows[0].phase.name, corresponding }
     };
-    let nearest = before.last().map(|group| group[0].phase.name);
-    let after = |other: &[Row]| {
-        let (first, alone) = (&other[0], other.len() == 1 && group.len() == 1);
-        let corresponding =
-            alone && nearest == Some(first.phase.name) && group[0].follows(first) && first.tasks() == tasks;
-        After { phase: first.phase.name, corresponding }
-    };
-    let is_read = |other: &&Vec<Row>| group.iter().any(|row| other.iter().any(|other| reads(row, other)));
-    let most = |of: fn(&Row) -> usize| group.iter().map(of).max().unwrap_or(1);
-    let after = before.iter().filter(is_read).map(|other| after(other)).collect();
+    let after = before.iter().enumerate().filter(|(_, other)| group.reads(other)).map(after).collect();
     Array {
-        phases: group.iter().map(|row| row.phase.name).collect(),
-        chains: most(|row| row.pending.len()),
-        per_task: most(|row| row.per_task),
-        tasks,
+        phases: group.rows.iter().map(|row| row.phase.name).collect(),
+        parts: group.parts(),
+        per_task: group.per_task,
+        tasks: group.tasks().into_iter().collect(),
+        in_order: group.is_in_order() && group.tasks().len() > 1,
         after,
     }
 }
@@ -125,64 +169,89 @@ fn is_done<'a>(mut states: impl Iterator<Item = &'a State>) -> bool {
     states.all(|state| *state == State::Done)
 }
 
-/// Times longer. A block is trimmed in a tenth of the time in which it is fitted: with the same blocks a task, one machine fitted
-/// all of them on the take of `docs/farm.md`, in 55 s instead of 31.
-const MUCH_LONGER: usize = 2;
-
-/// An array in the making.
+/// A phase that has something left to do.
 struct Row {
     phase: &'static Phase,
-    /// Whether something is left to do, chain by chain.
+    /// Whether something is left to do, part by part.
     pending: Vec<bool>,
-    /// Seconds of the longest chain.
-    chain_secs: f64,
-    per_task: usize,
+    /// Seconds of the longest part.
+    part_secs: f64,
 }
 
 impl Row {
     /// `None` where nothing is left to do.
     fn of(phase: &'static Phase, states: &PhaseStates, at_least: usize, item_secs: f64) -> Option<Self> {
-        let mut pending: Vec<bool> = states.chains.iter().map(|chain| !is_done(chain.iter())).collect();
+        let parts = phase.kind.parts(&states.chains);
+        let mut pending: Vec<bool> = parts.iter().map(|part| !is_done(part.iter())).collect();
         pending.resize(pending.len().max(at_least), true);
-        let longest = states.chains.iter().map(Vec::len).max().unwrap_or(1);
-        let row = Self { phase, pending, chain_secs: longest as f64 * item_secs, per_task: 1 };
+        let longest = parts.iter().map(|part| part.len()).max().unwrap_or(1);
+        let row = Self { phase, pending, part_secs: longest as f64 * item_secs };
         row.pending.contains(&true).then_some(row)
     }
 
-    /// Whether task n can go on where task n of the array before ends.
-    fn follows(&self, before: &Self) -> bool {
-        let alike = self.phase.kind == before.phase.kind && self.phase.span == before.phase.span;
-        alike && self.phase.same.contains(&before.phase.name) && self.pending.len() == before.pending.len()
+    fn reads(&self, other: &Self) -> bool {
+        self.phase.same.contains(&other.phase.name) || self.phase.others.contains(&other.phase.name)
+    }
+}
+
+/// Phases that share their tasks: an array in the making.
+struct Group {
+    rows: Vec<Row>,
+    per_task: usize,
+}
+
+impl Group {
+    fn parts(&self) -> usize {
+        self.rows.iter().map(|row| row.pending.len()).max().unwrap_or(1)
     }
 
-    /// Chooses how many chains a task has: as many as last long enough, spread evenly. Arrays of which one follows the other have
-    /// the same where that makes no task much longer than it has to be.
-    fn size(rows: &mut [Self], sizes: Sizes) {
-        for row in &mut *rows {
-            let chains = row.pending.len();
-            let tasks = (chains as f64 * row.chain_secs / sizes.task_secs) as usize;
-            row.per_task = chains.div_ceil(tasks.clamp(1, sizes.max_tasks.clamp(1, chains)));
-        }
-        let own: Vec<usize> = rows.iter().map(|row| row.per_task).collect();
-        let mut first = 0;
-        for at in 0..rows.len() {
-            let alike = |other: usize| own[at].max(own[other]) < MUCH_LONGER * own[at].min(own[other]);
-            if at > 0 && !(rows[at].follows(&rows[at - 1]) && (first..at).all(alike)) {
-                first = at;
-            }
-            let most = own[first..=at].iter().copied().max().unwrap_or(1);
-            rows[first..=at].iter_mut().for_each(|row| row.per_task = most);
-        }
-    }
-
-    fn tasks(&self) -> Vec<usize> {
-        let tasks = self.pending.chunks(self.per_task).enumerate();
-        tasks.filter(|(_, pending)| pending.contains(&true)).map(|(task, _)| task).collect()
+    /// Seconds of a part of all phases.
+    fn part_secs(&self) -> f64 {
+        self.rows.iter().map(|row| row.part_secs).sum()
     }
 
     /// Seconds of all that is to be done.
     fn secs(&self) -> f64 {
-        self.pending.iter().filter(|pending| **pending).count() as f64 * self.chain_secs
+        let of_row = |row: &Row| row.pending.iter().filter(|pending| **pending).count() as f64 * row.part_secs;
+        self.rows.iter().map(of_row).sum()
+    }
+
+    fn tasks(&self) -> BTreeSet<usize> {
+        let of_row = |row: &Row| {
+            let tasks = row.pending.chunks(self.per_task).enumerate();
+            tasks.filter(|(_, pending)| pending.contains(&true)).map(|(task, _)| task).collect::<Vec<_>>()
+        };
+        self.rows.iter().flat_map(of_row).collect()
+    }
+
+    fn is_in_order(&self) -> bool {
+        self.rows.iter().any(|row| row.phase.kind == Kind::FrameChained)
+    }
+
+    /// Whether one task has to do all of it.
+    fn is_whole(&self, sizes: Sizes) -> bool {
+        self.is_in_order() && !sizes.in_order
+    }
+
+    fn reads(&self, other: &Self) -> bool {
+        self.rows.iter().any(|row| other.rows.iter().any(|other| row.reads(other)))
+    }
+
+    /// Whether one task can do a part of these phases and of one more.
+    fn takes(&self, row: &Row) -> bool {
+        let Some(last) = self.rows.last() else { return false };
+        let reads_no_other = self.rows.iter().all(|other| !row.reads(other) || row.phase.follows(other.phase));
+        let alike = last.phase.kind == row.phase.kind && last.pending.len() == row.pending.len();
+        alike && row.phase.follows(last.phase) && reads_no_other
+    }
+
+    /// Whether task n can begin where task n of the group before ends.
+    fn goes_on_from(&self, before: &Self) -> bool {
+        let of_row = |row: &Row| {
+            let read = before.rows.iter().filter(|other| row.reads(other));
+            { read }.all(|other| row.phase.follows(other.phase) && row.pending.len() == other.pending.len())
+        };
+        self.reads(before) && self.rows.iter().all(of_row)
     }
 }
 
@@ -192,31 +261,53 @@ mod tests {
 
     fn row(name: &str, pending: &[bool], secs: f64) -> Row {
         let phase = phases().find(|(_, phase)| phase.name == name).unwrap().1;
-        Row { phase, pending: pending.to_vec(), chain_secs: secs, per_task: 0 }
+        Row { phase, pending: pending.to_vec(), part_secs: secs }
     }
 
     fn sized(rows: Vec<Row>, task_secs: f64, max_tasks: usize) -> Vec<Array> {
-        arrays_of(rows, Sizes { task_secs, max_tasks })
+        arrays_of(rows, Sizes { task_secs, max_tasks, in_order: true })
     }
 
     #[test]
-    fn short_items_share_a_task_and_tasks_that_follow_one_another_have_the_same() {
+    fn phases_of_which_one_reads_the_same_frame_of_the_other_share_tasks() {
         let all = [true; 60];
-        let arrays = sized(vec![row("lift/lift", &all, 2.0), row("field/field", &all, 3.0)], 30.0, 1000);
-        assert_eq!((arrays[0].per_task, arrays[1].per_task), (15, 15));
-        assert_eq!(arrays[1].tasks, [0, 1, 2, 3]);
-        assert_eq!(arrays[1].after, [After { phase: "lift/lift", corresponding: true }]);
+        let frames = ["lift/lift", "field/field", "field/motion"].map(|name| row(name, &all, 1.0));
+        let arrays = sized(frames.into(), 30.0, 1000);
+        assert_eq!(arrays.len(), 1);
+        assert_eq!(arrays[0].phases, ["lift/lift", "field/field", "field/motion"]);
+        assert_eq!((arrays[0].per_task, &arrays[0].tasks[..]), (10, &[0, 1, 2, 3, 4, 5][..]));
         let arrays = sized(vec![row("flow/flow", &all, 40.0), row("blend/blend", &all, 40.0)], 30.0, 7);
         assert_eq!((arrays[0].per_task, arrays[0].task_count()), (9, 7));
         assert_eq!(arrays[1].after, [After { phase: "flow/flow", corresponding: false }], "it reads frames around");
     }
 
     #[test]
+    fn what_follows_from_frame_to_frame_runs_in_order_beside_what_is_before_and_after_it() {
+        let all = [true; 60];
+        let rows = || {
+            [("field/field", 2.0), ("field/motion", 3.0), ("grow/grow", 2.0), ("prune/prune", 1.5)]
+                .map(|(name, secs)| row(name, &all, secs))
+                .into()
+        };
+        let arrays = sized(rows(), 30.0, 1000);
+        assert_eq!(
+            arrays.iter().map(|array| (array.per_task, array.in_order)).collect::<Vec<_>>(),
+            [(20, false), (20, true), (20, false)]
+        );
+        assert_eq!(arrays[1].after, [After { phase: "field/field", corresponding: true }]);
+        assert_eq!(arrays[2].after, [After { phase: "grow/grow", corresponding: true }]);
+        let arrays = arrays_of(rows(), Sizes { task_secs: 30.0, max_tasks: 1000, in_order: false });
+        assert_eq!((arrays[1].per_task, arrays[1].task_count(), arrays[1].in_order), (60, 1, false));
+        assert_eq!((arrays[0].per_task, arrays[2].per_task), (6, 20));
+        assert_eq!(arrays[2].after, [After { phase: "grow/grow", corresponding: false }]);
+    }
+
+    #[test]
     fn what_takes_much_longer_is_not_crowded_into_few_tasks() {
-        let all = [true; 8];
-        let arrays = sized(vec![row("smooth/trim", &all, 5.0), row("fit/fit", &all, 60.0)], 30.0, 1000);
-        assert_eq!((arrays[0].task_count(), arrays[1].task_count()), (1, 8));
-        assert_eq!(arrays[1].after, [After { phase: "smooth/trim", corresponding: false }]);
+        let all = [true; 80];
+        let arrays = sized(vec![row("field/motion", &all, 20.0), row("grow/grow", &all, 1.0)], 30.0, 1000);
+        assert_eq!((arrays[0].task_count(), arrays[1].task_count()), (40, 2));
+        assert_eq!(arrays[1].after, [After { phase: "field/motion", corresponding: false }]);
     }
 
     #[test]
@@ -229,9 +320,9 @@ mod tests {
     fn what_is_done_is_no_task_and_tasks_of_other_numbers_wait_for_all() {
         let mut some = [false; 8];
         some[5] = true;
-        let arrays = sized(vec![row("prune/prune", &some, 40.0), row("smooth/frames", &[true; 8], 40.0)], 30.0, 1000);
+        let arrays = sized(vec![row("grow/grow", &some, 40.0), row("prune/prune", &[true; 8], 40.0)], 30.0, 1000);
         assert_eq!(arrays[0].tasks, [5]);
-        assert_eq!(arrays[1].after, [After { phase: "prune/prune", corresponding: false }]);
+        assert_eq!(arrays[1].after, [After { phase: "grow/grow", corresponding: false }]);
     }
 
     #[test]

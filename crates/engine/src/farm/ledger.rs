@@ -22,7 +22,7 @@ pub struct Submitted {
     pub job: u64,
     /// `stage/phase`, in order.
     pub phases: Vec<String>,
-    /// Chains of a task.
+    /// Parts of a task.
     pub per_task: usize,
     /// Its tasks.
     pub tasks: Vec<usize>,

@@ -44,7 +44,9 @@ pub fn submission(array: &Array, work: &Work, options: &SlurmOptions, job_of: im
     // Names of output files may hold patterns, names of folders may not: so they are relative to the take.
     arguments.push(format!("--chdir={}", work.take));
     arguments.push(format!("--output={TASK_OUTPUT}/{name}.%A.%a.txt"));
-    arguments.push(format!("--array={}", numbers(&array.tasks, options.throttle)));
+    // Slurm starts tasks of an array by rising number.
+    let at_once = if array.in_order { Some(1) } else { options.throttle };
+    arguments.push(format!("--array={}", numbers(&array.tasks, at_once)));
     arguments.push(format!("--cpus-per-task={}", options.processors));
     let waits: Vec<String> = array
         .after
@@ -64,7 +66,7 @@ fn script(array: &Array, work: &Work, retries: usize) -> String {
     let (phases, command) = (array.phases.join(", "), work.in_shell(&array.phases));
     format!(
         r#"#!/bin/sh
-# {phases}: {per_task} chains a task. Written by strandflow.
+# {phases}: {per_task} parts a task. Written by strandflow.
 {command} --items "${{SLURM_ARRAY_TASK_ID}}x{per_task}"
 code=$?
 # 2: the take itself is at fault, and another try would end the same way.
@@ -213,7 +215,7 @@ mod tests {
     fn array() -> Array {
         let after = |phase, corresponding| After { phase, corresponding };
         let after = vec![after("pose/pose", false), after("lift/lift", true)];
-        Array { phases: vec!["field/field"], chains: 60, per_task: 12, tasks: vec![0, 1, 2, 4], after }
+        Array { phases: vec!["field/field"], parts: 60, per_task: 12, tasks: vec![0, 1, 2, 4], in_order: false, after }
     }
 
     fn work() -> Work {

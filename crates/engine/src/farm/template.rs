@@ -153,9 +153,10 @@ mod tests {
     fn arrays() -> Vec<Array> {
         let array = |phase, per_task, after: Vec<After>| Array {
             phases: vec![phase],
-            chains: 25,
+            parts: 25,
             per_task,
             tasks: vec![0],
+            in_order: false,
             after,
         };
         let after = After { phase: "hull/hull", corresponding: true };
