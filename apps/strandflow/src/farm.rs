@@ -34,6 +34,8 @@ pub struct Farm<'a> {
     take: &'a Take,
     plan: &'a Plan,
     options: &'a RunOptions,
+    /// Processors of a task.
+    threads: usize,
     work: Work,
 }
 
@@ -55,32 +57,32 @@ pub fn farm(args: &RunArgs, take: &Take, plan: &Plan, options: &RunOptions) -> R
     // What a task may use is reserved for it, so one core is asked for where nothing is said.
     let threads = args.threads.unwrap_or(1);
     let work = Work::new(take.root(), plan, threads)?;
-    let farm = Farm { args: &args.farm, take, plan, options, work };
+    let farm = Farm { args: &args.farm, take, plan, options, threads, work };
     match args.farm.engine {
         Engine::Script => farm.script(),
-        Engine::Slurm if args.farm.dry_run => {
-            Ok(print(&slurm::as_text(&farm.arrays()?, &farm.work, &farm.slurm(threads)))?)
-        }
+        Engine::Slurm if args.farm.dry_run => Ok(print(&slurm::as_text(&farm.arrays()?, &farm.work, &farm.slurm()))?),
         Engine::Slurm if args.farm.cancel => farm.cancel(),
-        Engine::Slurm | Engine::Local => farm.submit_and_wait(&farm.slurm(threads)),
+        Engine::Slurm | Engine::Local => farm.submit_and_wait(&farm.slurm()),
     }
 }
 
 impl Farm<'_> {
     fn arrays(&self) -> Result<Vec<Array>, Failed> {
         let (task_secs, max_tasks) = (self.args.task_secs, self.args.max_tasks as usize);
-        let sizes = Sizes { task_secs, max_tasks, in_order: self.args.engine == Engine::Slurm };
+        let on_slurm = self.args.engine == Engine::Slurm;
+        let at_once = on_slurm.then(|| slurm::at_once(&self.slurm())).flatten();
+        let sizes = Sizes { task_secs, max_tasks, at_once, in_order: on_slurm };
         let durations = Durations::of_take(self.take.root());
         Ok(arrays(self.take, self.plan, self.options.phases.clone(), sizes, &durations)?)
     }
 
-    fn slurm(&self, processors: usize) -> SlurmOptions {
+    fn slurm(&self) -> SlurmOptions {
         let FarmArgs { partition, account, time, memory, slurm_option, throttle, retries, .. } = self.args;
         let named = [("partition", partition), ("account", account), ("time", time), ("mem", memory)];
         let named = named.into_iter().filter_map(|(name, value)| Some(format!("--{name}={}", value.as_ref()?)));
         SlurmOptions {
             throttle: throttle.map(|n| n as usize),
-            processors,
+            processors: self.threads,
             retries: *retries as usize,
             more: named.chain(slurm_option.iter().cloned()).collect(),
         }

@@ -17,8 +17,24 @@ pub struct Sizes {
     pub task_secs: f64,
     /// The most tasks of one array.
     pub max_tasks: usize,
+    /// How many tasks can run at once, where that is known.
+    pub at_once: Option<usize>,
     /// Whether the scheduler can run the tasks of an array in their order, one at a time.
     pub in_order: bool,
+}
+
+impl Sizes {
+    /// Tasks for work of so many seconds. Where it is known how many run at once, so many that none of them is left without one
+    /// while the others do their last; tasks of half the length are better than machines with nothing to do.
+    fn tasks(&self, secs: f64) -> usize {
+        let of = |task_secs: f64| (secs / task_secs) as usize;
+        let lasting = of(self.task_secs);
+        match self.at_once {
+            Some(at_once) if at_once > 0 && lasting >= at_once => lasting - lasting % at_once,
+            Some(at_once) => at_once.min(of(self.task_secs / 2.0)).max(lasting),
+            None => lasting,
+        }
+    }
 }
 
 /// The tasks of some phases that one task does one after the other; of one phase as a rule.
@@ -108,23 +124,31 @@ fn fused(rows: Vec<Row>) -> Vec<Group> {
 /// have the same tasks and each can begin before all of the other are done.
 const MUCH_LONGER: usize = 4;
 
+/// What runs in order is cut into so many tasks at least, short as they may be: other machines do what follows of one while the next
+/// runs.
+const STRETCHES: usize = 4;
+
 /// Chooses how many parts a task has: as many as last long enough, spread evenly. Groups of which one goes on where the other ends
 /// have the same where that makes no task much longer than it has to be.
 fn size(groups: &mut [Group], sizes: Sizes) {
     for group in &mut *groups {
         let parts = group.parts();
-        let tasks = (parts as f64 * group.part_secs() / sizes.task_secs) as usize;
+        let tasks = sizes.tasks(parts as f64 * group.part_secs());
+        let tasks = if group.is_in_order() { tasks.max(STRETCHES) } else { tasks };
         group.per_task = parts.div_ceil(tasks.clamp(1, sizes.max_tasks.clamp(1, parts)));
         if group.is_whole(sizes) {
             group.per_task = parts;
         }
     }
-    let own: Vec<usize> = groups.iter().map(|group| group.per_task).collect();
+    let mut own: Vec<usize> = groups.iter().map(|group| group.per_task).collect();
     let mut first = 0;
     for at in 0..groups.len() {
-        let alike = |other: usize| own[at].max(own[other]) < MUCH_LONGER * own[at].min(own[other]);
         let whole = |at: usize| groups[at].is_whole(sizes);
         let goes_on = at > 0 && groups[at].goes_on_from(&groups[at - 1]) && !whole(at) && !whole(at - 1);
+        if goes_on && groups[at - 1].is_in_order() {
+            own[at] = own[at - 1];
+        }
+        let alike = |other: usize| own[at].max(own[other]) < MUCH_LONGER * own[at].min(own[other]);
         if !(goes_on && (first..at).all(alike)) {
             first = at;
         }
@@ -265,7 +289,7 @@ mod tests {
     }
 
     fn sized(rows: Vec<Row>, task_secs: f64, max_tasks: usize) -> Vec<Array> {
-        arrays_of(rows, Sizes { task_secs, max_tasks, in_order: true })
+        arrays_of(rows, Sizes { task_secs, max_tasks, at_once: None, in_order: true })
     }
 
     #[test]
@@ -292,11 +316,11 @@ mod tests {
         let arrays = sized(rows(), 30.0, 1000);
         assert_eq!(
             arrays.iter().map(|array| (array.per_task, array.in_order)).collect::<Vec<_>>(),
-            [(20, false), (20, true), (20, false)]
+            [(15, false), (15, true), (15, false)]
         );
         assert_eq!(arrays[1].after, [After { phase: "field/field", corresponding: true }]);
         assert_eq!(arrays[2].after, [After { phase: "grow/grow", corresponding: true }]);
-        let arrays = arrays_of(rows(), Sizes { task_secs: 30.0, max_tasks: 1000, in_order: false });
+        let arrays = arrays_of(rows(), Sizes { task_secs: 30.0, max_tasks: 1000, at_once: None, in_order: false });
         assert_eq!((arrays[1].per_task, arrays[1].task_count(), arrays[1].in_order), (60, 1, false));
         assert_eq!((arrays[0].per_task, arrays[2].per_task), (6, 20));
         assert_eq!(arrays[2].after, [After { phase: "grow/grow", corresponding: false }]);
@@ -306,7 +330,7 @@ mod tests {
     fn what_takes_much_longer_is_not_crowded_into_few_tasks() {
         let all = [true; 80];
         let arrays = sized(vec![row("field/motion", &all, 20.0), row("grow/grow", &all, 1.0)], 30.0, 1000);
-        assert_eq!((arrays[0].task_count(), arrays[1].task_count()), (40, 2));
+        assert_eq!((arrays[0].task_count(), arrays[1].task_count()), (40, 4));
         assert_eq!(arrays[1].after, [After { phase: "field/motion", corresponding: false }]);
     }
 
@@ -314,6 +338,16 @@ mod tests {
     fn tasks_last_long_enough_and_share_evenly() {
         let arrays = sized(vec![row("lift/lift", &[true; 60], 1.75)], 30.0, 1000);
         assert_eq!((arrays[0].per_task, arrays[0].task_count()), (20, 3), "105 s are three tasks of 35 s");
+    }
+
+    #[test]
+    fn tasks_are_as_many_as_run_at_once_or_a_multiple() {
+        let tasks = |at_once| {
+            let sizes = Sizes { task_secs: 30.0, max_tasks: 1000, at_once, in_order: true };
+            arrays_of(vec![row("lift/lift", &[true; 60], 2.8)], sizes)[0].task_count()
+        };
+        assert_eq!([None, Some(2), Some(4), Some(5), Some(0)].map(tasks), [5, 4, 4, 5, 5]);
+        assert_eq!([Some(9), Some(90)].map(tasks), [9, 10], "168 s are eleven tasks of half the length");
     }
 
     #[test]

@@ -144,6 +144,20 @@ pub fn as_text(arrays: &[Array], work: &Work, options: &SlurmOptions) -> String 
     text
 }
 
+/// How many tasks can run at once, by the processors of the nodes that are up; `None` where Slurm does not say.
+pub fn at_once(options: &SlurmOptions) -> Option<usize> {
+    let of_nodes = options.more.iter().filter(|word| word.starts_with("--partition="));
+    let told = said(Command::new("sinfo").args(["--noheader", "--format=%C"]).args(of_nodes)).ok()?;
+    let count: usize = told.lines().filter_map(processors_up).sum::<usize>() / options.processors.max(1);
+    Some(options.throttle.map_or(count, |most| most.min(count)))
+}
+
+/// Processors by state, `allocated/idle/other/total`: those of the first two.
+fn processors_up(line: &str) -> Option<usize> {
+    let mut counts = line.trim().split('/').map(str::parse::<usize>);
+    Some(counts.next()?.ok()? + counts.next()?.ok()?)
+}
+
 /// A task that waits or runs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct QueuedTask {
@@ -234,6 +248,12 @@ mod tests {
         let words = r"'/opt/a b/strandflow' 'run' '/data/it'\''s $x' '--from' 'field/field' '--to' 'field/field' '--threads' '2'";
         let command = format!("{words} --items \"${{SLURM_ARRAY_TASK_ID}}x12\"");
         assert!(submission.script.lines().any(|line| line == command), "{}", submission.script);
+    }
+
+    #[test]
+    fn processors_are_counted_that_are_up() {
+        assert_eq!(processors_up("3/13/4/20"), Some(16));
+        assert_eq!(processors_up("3.1K/13K/4/20K"), None, "rounded: not known");
     }
 
     #[test]
