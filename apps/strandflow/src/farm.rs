@@ -135,6 +135,8 @@ impl Farm<'_> {
             self.wait(&ledger, &stop)?;
             let before = left;
             left = self.unfinished()?.count;
+            // Tasks that were killed may have left files half written.
+            self.take.store().sweep();
             if left == 0 || left >= before {
                 break;
             }
