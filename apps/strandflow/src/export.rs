@@ -39,8 +39,8 @@ fn export_stage(stage: ExportStage, args: &ExportArgs) -> Result<(), Failed> {
     let plan = take.last_plan()?;
     take.must_be_done(stage.name(), &plan)?;
     tell_of_outdated(&take, &plan, stage_index(stage.name())?)?;
-    let poses = (plan.frames.start..plan.frames.end).map(|frame| take.read_pose(frame));
-    let scene = Scene { gravity: take.gravity(), fps: take.manifest().fps, poses: poses.collect::<Result<_, _>>()? };
+    let poses = take.read_poses_of(plan.frames)?;
+    let scene = Scene { gravity: take.gravity(), fps: take.manifest().fps, poses };
     match stage {
         ExportStage::Flow => write_flow(&take, &plan, args),
         ExportStage::Fit if args.to == Format::Csv => {

@@ -272,6 +272,14 @@ impl Take {
         })
     }
 
+    /// The head's motion in some frames.
+    pub fn read_poses_of(&self, frames: FrameRange) -> Result<Vec<RigidTransform>, EngineError> {
+        let (motion, first) = (self.store().read_head_motion()?, self.frames().start);
+        let within = frames.start.saturating_sub(first)..frames.end.saturating_sub(first);
+        let missing = || EngineError::store("pose/world_from_head", format!("does not hold the frames {frames}"));
+        Ok(motion.get(within).ok_or_else(missing)?.to_vec())
+    }
+
     /// The head's motion in a frame.
     pub fn read_pose(&self, frame: usize) -> Result<RigidTransform, EngineError> {
         self.store().read_pose(frame.saturating_sub(self.frames().start))

@@ -4,7 +4,8 @@
 use std::{collections::BTreeSet, path::Path, process::Command};
 
 use strandflow_engine::{
-    Take,
+    EngineError, Take,
+    store::Failure,
     table::{Job, item_of, phases},
 };
 
@@ -40,6 +41,23 @@ fn tasks_side_by_side_make_the_bytes_of_one_run() {
     let last: serde_json::Value =
         serde_json::from_slice(again.stdout.split(|b| *b == b'\n').rev().nth(1).unwrap()).unwrap();
     assert!(last["done"] == 0 && last["complete"] == true, "{last}");
+    frames_are_grown_alone_only_after_bad_ones(&parts);
+}
+
+/// A frame before that is not there is not taken for one that cannot be grown: another task may be making it.
+fn frames_are_grown_alone_only_after_bad_ones(take: &Path) {
+    let take = Take::open(take).unwrap();
+    let plan = take.last_plan().unwrap();
+    let job = Job::new(&take, &plan);
+    let before = "grow/grow/000001";
+    let (stage, phase, item) = item_of("grow/grow/000002", &job).unwrap();
+    let inputs = || stage.inputs(phase, &job, item);
+    assert!(inputs().unwrap().items.iter().any(|key| key == before));
+    take.store().forget(before).unwrap();
+    assert!(matches!(inputs(), Err(EngineError::Missing { item }) if item == before));
+    let failure = Failure { error: "a bad frame".into(), hint: "none".into(), input: true };
+    take.store().write_failure(before, &failure).unwrap();
+    assert!(inputs().unwrap().items.iter().all(|key| key != before));
 }
 
 fn table_says_what_items_read(take: &Path) {

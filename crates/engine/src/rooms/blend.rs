@@ -39,7 +39,7 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
     let frames = flow::around(job, frame);
     let sequence = take.read_sequence_part("fit", frames, 0..take.strand_count()?)?;
     let fields = (frames.start..frames.end).map(|t| take.read_flow(t)).collect::<Result<Vec<_>, _>>()?;
-    let poses = (frames.start..frames.end).map(|t| take.read_pose(t)).collect::<Result<Vec<_>, _>>()?;
+    let poses = take.read_poses_of(frames)?;
     let input = BlendInput {
         at: frame - frames.start,
         sequence: &sequence,

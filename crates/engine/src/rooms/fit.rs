@@ -48,7 +48,7 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
     let first = block * BLOCK_STRANDS;
     let strands = first..(first + BLOCK_STRANDS).min(job.take.strand_count()?);
     let (start, points) = (job.plan.frames.start, point_count(job)?);
-    let poses = (start..job.plan.frames.end).map(|t| job.take.read_pose(t)).collect::<Result<Vec<_>, _>>()?;
+    let poses = job.take.read_poses_of(job.plan.frames)?;
     let read = |places: &Range<usize>| {
         let frames = FrameRange { start: start + places.start, end: start + places.end };
         job.take.read_sequence_part("smooth", frames, strands.clone())

@@ -29,14 +29,23 @@ pub(crate) fn needs(job: &Job, item: Item, needs: &mut Needs) -> Result<(), Engi
 
 /// The frame whose strands are followed: none in the first frame, nor where every frame grows by itself, nor after a frame
 /// that could not be grown: one bad frame must not cost all after it. The frame before settles first, and what an item
-/// rests on tells the two cases apart, so a frame put right is followed again.
+/// rests on tells the two cases apart, so a frame put right is followed again. A frame before that is neither done nor at fault is
+/// missing: another process may be making it, and nobody may take that for a bad one.
 fn before(job: &Job, frame: usize) -> Result<Option<usize>, EngineError> {
     let follows = job.plan.mode == Mode::Robust && job.plan.settings.grow.follow > 0.0;
     if !follows || frame == job.plan.frames.start {
         return Ok(None);
     }
-    let before = frame - 1;
-    Ok(job.take.store().finished(&Item::Frame(before).key("grow/grow"))?.map(|_| before))
+    let (store, before) = (job.take.store(), frame - 1);
+    let key = |phase| Item::Frame(before).key(phase);
+    if store.finished(&key("grow/grow"))?.is_some() {
+        return Ok(Some(before));
+    }
+    let is_blocked = store.finished(&key("field/field"))?.is_none() || store.finished(&key("field/motion"))?.is_none();
+    if is_blocked || store.failure(&key("grow/grow")).is_some() {
+        return Ok(None);
+    }
+    Err(EngineError::Missing { item: key("grow/grow") })
 }
 
 pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) -> Result<(), EngineError> {

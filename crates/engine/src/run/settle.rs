@@ -74,25 +74,24 @@ impl Runner<'_> {
         let store = self.job.take.store();
         let inputs = match self.inputs(stage, phase, item) {
             Ok(inputs) => inputs,
-            Err(error @ (EngineError::Missing { .. } | EngineError::Store { .. })) => {
-                return Settled { outcome: Outcome::Blocked, findings: Vec::new(), failure: Some(failure_of(&error)) };
-            }
+            Err(error @ (EngineError::Missing { .. } | EngineError::Store { .. })) => return blocked(&error),
+            Err(error) => return self.refused(key, &error),
+        };
+        let record = match store.finished(key) {
+            Ok(record) => record,
             Err(error) => return self.refused(key, &error),
         };
         let mut damage = None;
-        match store.finished(key) {
-            Err(error) => return self.refused(key, &error),
-            Ok(Some(record)) if record.inputs == inputs.hashes => {
-                damage = self.options.verify.then(|| store.damage(key)).flatten();
-                if damage.is_none() {
-                    // Where even this is refused, the next run does it.
-                    let _ = store.forgive(key);
-                    return Settled { outcome: Outcome::Fresh, findings: record.findings, failure: None };
-                }
+        if let Some(record) = record.as_ref().filter(|record| record.inputs == inputs.hashes) {
+            damage = self.options.verify.then(|| store.damage(key)).flatten();
+            if damage.is_none() {
+                // Where even this is refused, the next run does it.
+                let _ = store.forgive(key);
+                return Settled { outcome: Outcome::Fresh, findings: record.findings.clone(), failure: None };
             }
-            Ok(_) => {}
         }
-        if let Err(error) = store.forget(key) {
+        // A record that was not there another process may have written by now, and it is not to go.
+        if let Err(error) = if record.is_some() { store.forget(key) } else { store.forgive(key) } {
             return self.failed(key, &error);
         }
         let found = damage.map(|damage| damaged(self.place_of(item), &damage));
@@ -101,6 +100,8 @@ impl Runner<'_> {
                 let findings = found.into_iter().chain(record.findings).collect();
                 Settled { outcome: Outcome::Done, findings, failure: None }
             }
+            // It was there a moment ago: another process makes it again.
+            Err(error @ EngineError::Missing { .. }) => blocked(&error),
             Err(error) => self.failed(key, &error),
         }
     }
@@ -201,6 +202,10 @@ impl Runner<'_> {
             Item::Block(block) => Place { strand: Some(block * BLOCK_STRANDS), ..Place::default() },
         }
     }
+}
+
+fn blocked(error: &EngineError) -> Settled {
+    Settled { outcome: Outcome::Blocked, findings: Vec::new(), failure: Some(failure_of(error)) }
 }
 
 fn damaged(place: Place, damage: &str) -> Finding {
