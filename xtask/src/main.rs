@@ -164,7 +164,7 @@ fn test() -> Result<(), String> {
     run(cargo().args(["test", "--workspace", "--no-fail-fast"]))
 }
 
-/// The tests of mishaps, one after the other, and what they tell: the table of `docs/faults.md`.
+/// The tests of mishaps, those on a Slurm among them, one after the other, and what they tell: the table of `docs/faults.md`.
 fn faults(arguments: &[String]) -> Result<(), String> {
     let kills = match arguments {
         [] => "100",
@@ -172,7 +172,8 @@ fn faults(arguments: &[String]) -> Result<(), String> {
         _ => return Err("write `cargo xtask faults [--kills N]`".into()),
     };
     let rows = std::env::temp_dir().join(format!("strandflow-faults-{}.md", std::process::id()));
-    let tests = ["test", "-p", "strandflow", "--test", "all", "--", "mishaps::", "--test-threads", "1"];
+    let which = ["mishaps::", "farm::on_slurm", "--test-threads", "1"];
+    let tests = [&["test", "-p", "strandflow", "--test", "all", "--"][..], &which].concat();
     let done = run(cargo().env("STRANDFLOW_KILLS", kills).env("STRANDFLOW_FAULTS", &rows).args(tests));
     let told = fs::read_to_string(&rows).unwrap_or_default();
     // It may not have been made.

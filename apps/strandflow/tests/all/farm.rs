@@ -156,10 +156,20 @@ fn kubernetes_is_made_of_jobs(text: &str, path: &str) -> usize {
 
 #[cfg(target_os = "linux")]
 mod on_slurm {
-    use std::process::Stdio;
+    use std::{
+        process::Stdio,
+        thread::sleep,
+        time::{Duration, Instant},
+    };
+
+    use serde_json::Value;
+    use strandflow_engine::run::log_lines;
 
     use super::*;
-    use crate::common::slurm::{Slurm, kill, status};
+    use crate::{
+        common::slurm::{Slurm, kill, status},
+        mishaps::{Dice, kills, tell},
+    };
 
     /// One take, through everything: no memory, a killed task, a dead node, cancelled jobs, a full resume.
     #[test]
@@ -210,5 +220,44 @@ mod on_slurm {
         assert_same(&whole, &far);
         assert!(state().values().all(|phase| phase["done"] == phase["items"]));
         assert!(stderr(&slurm_run(&["--wait"]).output().unwrap()).contains("all is done"));
+        shaken(&slurm, &capture, &whole);
+    }
+
+    /// Tasks are killed at random moments, a quarter as many as runs elsewhere: each take ends with the bytes of one run.
+    fn shaken(slurm: &Slurm, capture: &Path, whole: &Path) {
+        let kills = kills() / 4;
+        let (mut dice, mut killed, mut takes, mut again) = (Dice(0xfa12), 0, 0, 0);
+        let mut phases = BTreeSet::new();
+        while killed < kills {
+            let take = synthetic::take_of(capture, &format!("shaken{takes}"), &[]);
+            takes += 1;
+            let args = ["run", text(&take), "--engine", "slurm", "--wait", "--task-secs", "0.2", "--retries", "9"];
+            let mut run = slurm.strandflow(&args).stderr(Stdio::null()).spawn().unwrap();
+            let mut due = Instant::now();
+            while killed < kills && run.try_wait().unwrap().is_none() {
+                sleep(Duration::from_millis(10).max(due.saturating_duration_since(Instant::now())));
+                let mut tasks = slurm.tasks_of(&take);
+                if !tasks.is_empty() {
+                    let (task, phase) = tasks.swap_remove(dice.below(tasks.len()));
+                    kill(&[task.id]);
+                    phases.insert(phase);
+                    killed += 1;
+                    due = Instant::now() + Duration::from_secs_f64(10.0 * dice.share());
+                }
+            }
+            assert!(run.wait().unwrap().success());
+            assert_same(whole, &take);
+            again += made_again(&take);
+        }
+        let told = format!("{takes} takes, tasks that begin with {}", Vec::from_iter(phases).join(", "));
+        tell("task of a farm killed at a random moment", kills, again, &told);
+    }
+
+    /// Items that the logs tell to have been done more than once.
+    fn made_again(take: &Path) -> usize {
+        let events = log_lines(take).filter_map(|line| serde_json::from_str::<Value>(&line).ok());
+        let done = events.filter(|event| event["event"] == "item" && event["outcome"] == "done");
+        let done: Vec<String> = done.map(|event| event["item"].to_string()).collect();
+        done.len() - done.iter().collect::<BTreeSet<_>>().len()
     }
 }

@@ -126,14 +126,14 @@ fn assert_true_status(take: &Path) -> BTreeSet<String> {
 }
 
 /// One line of the table, for whoever asks for it by `STRANDFLOW_FAULTS`.
-fn tell(fault: &str, times: usize, made_again: usize, told: &str) {
+pub fn tell(fault: &str, times: usize, made_again: usize, told: &str) {
     let Some(file) = std::env::var_os("STRANDFLOW_FAULTS") else { return };
     let mut file = std::fs::OpenOptions::new().create(true).append(true).open(file).unwrap();
     writeln!(file, "| {fault} | {times} | 0 | {made_again} | {told} |").unwrap();
 }
 
 /// Numbers that look random, the same in every run.
-struct Dice(u64);
+pub struct Dice(pub u64);
 
 impl Dice {
     fn next(&mut self) -> u64 {
@@ -143,19 +143,24 @@ impl Dice {
         self.0
     }
 
-    fn below(&mut self, end: usize) -> usize {
+    pub fn below(&mut self, end: usize) -> usize {
         (self.next() % end as u64) as usize
     }
 
-    fn share(&mut self) -> f64 {
+    pub fn share(&mut self) -> f64 {
         (self.next() % 10_000) as f64 / 10_000.0
     }
 }
 
-/// Kills, how many `STRANDFLOW_KILLS` says: each at a random moment of what is left of a run.
+/// How many kills are asked for.
+pub fn kills() -> usize {
+    std::env::var("STRANDFLOW_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(8)
+}
+
+/// Kills, each at a random moment of what is left of a run.
 #[test]
 fn a_kill_at_any_moment_costs_only_what_was_in_work() {
-    let kills: usize = std::env::var("STRANDFLOW_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(8);
+    let kills = kills();
     let whole = Undisturbed::make();
     let mut dice = Dice(0x5eed_cafe);
     let (mut take, mut takes, mut known, mut killed, mut phases) =

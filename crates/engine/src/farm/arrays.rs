@@ -120,40 +120,17 @@ fn fused(rows: Vec<Row>) -> Vec<Group> {
     groups
 }
 
-/// Of groups of which one goes on where the other ends, the one is made no longer than this many times its length, so that they can
-/// have the same tasks and each can begin before all of the other are done.
-const MUCH_LONGER: usize = 4;
-
 /// What runs in order is cut into so many tasks at least, short as they may be: other machines do what follows of one while the next
 /// runs.
 const STRETCHES: usize = 4;
 
-/// Chooses how many parts a task has: as many as last long enough, spread evenly. Groups of which one goes on where the other ends
-/// have the same where that makes no task much longer than it has to be.
+/// Chooses how many parts a task has: as many as last long enough, spread evenly; of what goes on from one that runs in order, as
+/// many as that has.
 fn size(groups: &mut [Group], sizes: Sizes) {
-    for group in &mut *groups {
-        let parts = group.parts();
-        let tasks = sizes.tasks(parts as f64 * group.part_secs());
-        let tasks = if group.is_in_order() { tasks.max(STRETCHES) } else { tasks };
-        group.per_task = parts.div_ceil(tasks.clamp(1, sizes.max_tasks.clamp(1, parts)));
-        if group.is_whole(sizes) {
-            group.per_task = parts;
-        }
-    }
-    let mut own: Vec<usize> = groups.iter().map(|group| group.per_task).collect();
-    let mut first = 0;
     for at in 0..groups.len() {
-        let whole = |at: usize| groups[at].is_whole(sizes);
-        let goes_on = at > 0 && groups[at].goes_on_from(&groups[at - 1]) && !whole(at) && !whole(at - 1);
-        if goes_on && groups[at - 1].is_in_order() {
-            own[at] = own[at - 1];
-        }
-        let alike = |other: usize| own[at].max(own[other]) < MUCH_LONGER * own[at].min(own[other]);
-        if !(goes_on && (first..at).all(alike)) {
-            first = at;
-        }
-        let most = own[first..=at].iter().copied().max().unwrap_or(1);
-        groups[first..=at].iter_mut().for_each(|group| group.per_task = most);
+        let (before, group) = (at.checked_sub(1).map(|before| &groups[before]), &groups[at]);
+        let followed = before.filter(|before| before.is_in_order() && sizes.in_order && group.goes_on_from(before));
+        groups[at].per_task = followed.map_or_else(|| group.own_size(sizes), |before| before.per_task);
     }
 }
 
@@ -174,8 +151,10 @@ fn with_short_ones_joined(groups: Vec<Group>, task_secs: f64) -> Vec<Group> {
 }
 
 fn array_of(group: &Group, before: &[Group]) -> Array {
+    // Tasks that run in order wait for all: were one of those before put back into the queue, a later one would come first.
     let after = |(at, other): (usize, &Group)| {
-        let corresponding = at + 1 == before.len() && group.goes_on_from(other) && other.tasks() == group.tasks();
+        let nearest = at + 1 == before.len() && !group.is_in_order();
+        let corresponding = nearest && group.goes_on_from(other) && other.tasks() == group.tasks();
         After { phase: other.rows[0].phase.name, corresponding }
     };
     let after = before.iter().enumerate().filter(|(_, other)| group.reads(other)).map(after).collect();
@@ -252,9 +231,15 @@ impl Group {
         self.rows.iter().any(|row| row.phase.kind == Kind::FrameChained)
     }
 
-    /// Whether one task has to do all of it.
-    fn is_whole(&self, sizes: Sizes) -> bool {
-        self.is_in_order() && !sizes.in_order
+    /// Parts of a task, by how long they last.
+    fn own_size(&self, sizes: Sizes) -> usize {
+        let parts = self.parts();
+        let tasks = match (self.is_in_order(), sizes.tasks(parts as f64 * self.part_secs())) {
+            (false, tasks) => tasks,
+            (true, tasks) if sizes.in_order => tasks.max(STRETCHES),
+            (true, _) => 1,
+        };
+        parts.div_ceil(tasks.clamp(1, sizes.max_tasks.clamp(1, parts)))
     }
 
     fn reads(&self, other: &Self) -> bool {
@@ -316,9 +301,9 @@ mod tests {
         let arrays = sized(rows(), 30.0, 1000);
         assert_eq!(
             arrays.iter().map(|array| (array.per_task, array.in_order)).collect::<Vec<_>>(),
-            [(15, false), (15, true), (15, false)]
+            [(6, false), (15, true), (15, false)]
         );
-        assert_eq!(arrays[1].after, [After { phase: "field/field", corresponding: true }]);
+        assert_eq!(arrays[1].after, [After { phase: "field/field", corresponding: false }]);
         assert_eq!(arrays[2].after, [After { phase: "grow/grow", corresponding: true }]);
         let arrays = arrays_of(rows(), Sizes { task_secs: 30.0, max_tasks: 1000, at_once: None, in_order: false });
         assert_eq!((arrays[1].per_task, arrays[1].task_count(), arrays[1].in_order), (60, 1, false));

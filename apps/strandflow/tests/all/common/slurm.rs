@@ -61,18 +61,24 @@ impl Slurm {
         assert!(started.unwrap().success());
     }
 
+    /// The tasks of a take that are at work: process, and first phase.
+    pub fn tasks_of(&self, take: &Path) -> Vec<(Process, String)> {
+        let take = take.canonicalize().unwrap();
+        let of_task = |process: Process| {
+            let ours = process.words.get(2).is_some_and(|word| word == text(&take));
+            let phase = process.words.iter().skip_while(|word| *word != "--from").nth(1)?.clone();
+            ours.then_some((process, phase))
+        };
+        processes().into_iter().filter_map(of_task).collect()
+    }
+
     /// Waits for a task of a take that `wanted` takes by its phase and node.
     pub fn task_of(&self, take: &Path, wanted: impl Fn(&str, &str) -> bool) -> Process {
         let end = Instant::now() + Duration::from_secs(90);
-        let take = take.canonicalize().unwrap();
         let mut looked = Instant::now();
         while Instant::now() < end {
-            let is_wanted = |process: &Process| {
-                let phase = process.words.iter().skip_while(|word| *word != "--from").nth(1);
-                process.words.get(2).is_some_and(|word| word == text(&take))
-                    && phase.is_some_and(|p| wanted(p, &process.node))
-            };
-            if let Some(task) = processes().into_iter().find(is_wanted) {
+            let mut tasks = self.tasks_of(take).into_iter();
+            if let Some((task, _)) = tasks.find(|(task, phase)| wanted(phase, &task.node)) {
                 return task;
             }
             if looked.elapsed() > Duration::from_secs(5) {
