@@ -113,8 +113,12 @@ fn one(name: &str, seconds: u32) -> Result<String, String> {
     fuzz.arg(format!("-artifact_prefix={}/", found.display())).arg(corpus).arg(seeds);
     supervised(&mut fuzz, &folder, &said).map_err(|fact| format!("{fact}\nthe input lies in {}", found.display()))?;
     let text = fs::read_to_string(&said).unwrap_or_default();
-    let executed = text.lines().find_map(|line| line.strip_prefix("stat::number_of_executed_units:"));
-    Ok(format!("{} inputs, nothing found", executed.map_or("?", str::trim)))
+    let count = |name: &str| {
+        let of = |line: &str| line.strip_prefix("stat::")?.strip_prefix(name)?.strip_prefix(':').map(str::to_owned);
+        text.lines().find_map(of).map_or("?".to_owned(), |count| count.trim().to_owned())
+    };
+    let [inputs, secs, mb] = ["number_of_executed_units", "slowest_unit_time_sec", "peak_rss_mb"].map(count);
+    Ok(format!("{inputs} inputs, the longest {secs} s (whole seconds), at most {mb} MB, nothing found"))
 }
 
 /// Where the files lie that are read: in memory, where the system has such a place.

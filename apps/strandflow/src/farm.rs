@@ -3,7 +3,7 @@
 use std::{
     path::Path,
     sync::atomic::{AtomicBool, Ordering},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use strandflow_engine::{
@@ -27,6 +27,9 @@ use crate::{
 
 /// Time between two looks at the queue.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
+
+/// Time that cancelled tasks have to end; Slurm by itself ends them by force after half a minute.
+const ENDS_WITHIN: Duration = Duration::from_secs(90);
 
 /// A run of a take on a farm.
 pub struct Farm<'a> {
@@ -103,12 +106,23 @@ impl Farm<'_> {
         Ok(print(&render(&asked.to_string_lossy(), &text, &self.arrays()?, &self.work)?)?)
     }
 
+    /// Cancels all, and waits for the tasks at work: until they have ended, they write, and another run is refused.
     fn cancel(&self) -> Result<(), Failed> {
         let ledger = Ledger::of_take(self.take.root())?;
         let queued = slurm::queue(&ledger)?.len();
         slurm::cancel(&ledger)?;
         eprintln!("{queued} tasks cancelled; what is done stays");
-        Ok(())
+        let end = Instant::now() + ENDS_WITHIN;
+        loop {
+            let left = slurm::queue(&ledger)?;
+            let Some(task) = left.first() else { return Ok(()) };
+            if Instant::now() > end {
+                let error = format!("{} of them have not ended, the first on node `{}`", left.len(), task.node);
+                let hint = "`squeue` says in what state they are; the take is free for another run once they are gone";
+                return Err(Failed { error, hint: hint.into(), input: false });
+            }
+            std::thread::sleep(Duration::from_millis(200));
+        }
     }
 
     /// Submits what is to be done; where it is waited for, also what failed, as long as that leads on.

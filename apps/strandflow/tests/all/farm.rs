@@ -207,6 +207,7 @@ mod on_slurm {
         let twice = slurm_run(&[]).output().unwrap();
         assert_bad_input(&twice, &["waiting or running"]);
         assert!(slurm_run(&["--cancel"]).output().unwrap().status.success());
+        assert!(slurm.tasks_of(&far).is_empty(), "what was cancelled has ended");
 
         // A task is killed, and a node: both are done again by themselves.
         let waiting = slurm_run(&["--wait"]).stderr(Stdio::piped()).spawn().unwrap();
