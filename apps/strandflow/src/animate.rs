@@ -45,7 +45,7 @@ pub fn animate(args: &AnimateArgs) -> Result<(), Failed> {
         }
         None => args.true_field.then_some(OtherField { from: "truth", files: Vec::new(), of: &true_field }),
     };
-    let still = args.collide.as_deref().map(obstacle).transpose()?;
+    let still = standing(args, &performance)?;
     let plan = AnimationPlan {
         name: &name,
         groom: &groom,
@@ -102,7 +102,21 @@ fn field_in(args: &AnimateArgs, performance: &Performance, frame: usize) -> Resu
     named.ok_or_else(|| said("holds no grid of vectors".into()))?.to_velocity(&options).map_err(said)
 }
 
-/// What stands still; a unit that cannot be meant is named.
+/// What stands still and hair keeps out of: the mesh that is given, else the take's own shoulders.
+fn standing(args: &AnimateArgs, performance: &Performance) -> Result<Option<TriMesh>, Failed> {
+    if let Some(file) = &args.collide {
+        return obstacle(file).map(Some);
+    }
+    let found = if args.no_shoulders { None } else { performance.standing()? };
+    if let Some((_, litres)) = &found {
+        eprintln!(
+            "{litres:.1} litres stand still below the head, by the hulls: hair keeps out of them (--no-shoulders lets it in)"
+        );
+    }
+    Ok(found.map(|(mesh, _)| mesh))
+}
+
+/// The mesh of a file; a unit that cannot be meant is named.
 fn obstacle(file: &Path) -> Result<TriMesh, Failed> {
     let mesh = read_obj(file)?;
     let corners = || mesh.vertices.iter().copied();

@@ -41,7 +41,10 @@ pub fn write_capture(scene: &Scene, folder: &Path, mut done: impl FnMut(usize)) 
         &toml::to_string(spec)
             .map_err(|error| Failed::input(error.to_string(), "this spec cannot be written as TOML"))?,
     )?;
-    write_head(&folder.join("gt/head.obj"), &scene.head)?;
+    write_mesh(&folder.join("gt/head.obj"), &scene.head, "head in the head frame, metres; world = head_to_world * p")?;
+    if let Some(body) = &scene.body {
+        write_mesh(&folder.join("gt/body.obj"), body, "body in the world, metres; it stands still")?;
+    }
 
     let mut poses = Vec::with_capacity(spec.rig.frames);
     let mut markers = MarkerTruth::default();
@@ -143,12 +146,12 @@ fn write_poses(path: &Path, poses: &[RigidTransform]) -> Result<(), Failed> {
     npz.array("relative_to_frame0", &[poses.len(), 4, 4], relative)
 }
 
-fn write_head(path: &Path, head: &TriMesh) -> Result<(), Failed> {
-    let mut text = String::from("# head in the head frame, metres; world = head_to_world * p\n");
-    for v in &head.vertices {
+fn write_mesh(path: &Path, mesh: &TriMesh, what: &str) -> Result<(), Failed> {
+    let mut text = format!("# {what}\n");
+    for v in &mesh.vertices {
         text += &format!("v {:.6} {:.6} {:.6}\n", v.x * 1e-3, v.y * 1e-3, v.z * 1e-3);
     }
-    for f in &head.faces {
+    for f in &mesh.faces {
         text += &format!("f {} {} {}\n", f[0] + 1, f[1] + 1, f[2] + 1);
     }
     write_text(path, &text)

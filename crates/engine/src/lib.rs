@@ -30,6 +30,7 @@ pub mod scaffold;
 pub mod settings;
 pub mod sources;
 pub mod stage_strands;
+mod standing;
 pub mod status;
 pub mod store;
 pub mod table;

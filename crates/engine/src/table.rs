@@ -160,7 +160,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "field",
         summary: "the dense line field",
-        version: 5,
+        version: 6,
         has_modes: true,
         settings: settings_of!(field),
         phases: &[

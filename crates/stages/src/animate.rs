@@ -17,9 +17,11 @@ use strandflow_volume::velocity::VelocitySampler;
 use crate::SettingViolation;
 
 pub mod place;
+mod standing;
 pub mod timeline;
 
 pub use place::{Alignment, PlacedGroom, place};
+pub use standing::Standing;
 pub use timeline::Timeline;
 
 /// Settings of an animation.

@@ -1,7 +1,7 @@
 //! Stage 7: the dense line field of the hair volume, diffused from the sparse lines as tensors.
 //!
 //! The hair volume lies between the scalp and the hull, where hair can be: a ray that shows skin meets no hair before the
-//! skin. Reference: Paris et al. 2008, section 5; Zhang et al. 2012, section 4.
+//! skin, and one that shows hair meets the body some way behind it. Reference: Paris et al. 2008, section 5; Zhang et al. 2012, section 4.
 
 use std::collections::VecDeque;
 
@@ -78,6 +78,9 @@ pub struct FieldSettings {
     pub shell_voxels: usize,
     /// How deep behind the hull a bare pixel opens the hair volume where no scalp is known \[mm\].
     pub bare_depth_mm: f64,
+    /// How deep behind the hull hair can be where a view shows hair \[mm\], robust mode. Where six views or more show hair, two
+    /// must show it there; what lies deeper is the body, as chest and shoulders do (measured: `docs/results.md`, "Shoulders").
+    pub hair_depth_mm: f64,
 }
 
 impl Default for FieldSettings {
@@ -92,6 +95,7 @@ impl Default for FieldSettings {
             bare_patch_mm2: 300.0,
             shell_voxels: 2,
             bare_depth_mm: 10.0,
+            hair_depth_mm: 60.0,
         }
     }
 }
@@ -123,6 +127,8 @@ impl FieldSettings {
         let shell = self.shell_voxels as f64;
         unless(shell <= 20.0, "field.shell_voxels", shell, "0..=20", "more leaves nothing of thin hair");
         unless((0.0..=500.0).contains(&deep), "field.bare_depth_mm", deep, "0..=500", "a depth inside the head");
+        let deep = self.hair_depth_mm;
+        unless((10.0..=1000.0).contains(&deep), "field.hair_depth_mm", deep, "10..=1000", "the thickness of hair");
         found
     }
 }
@@ -229,17 +235,22 @@ fn hair_volume(input: &FieldInput, head: &Head, mode: Mode, settings: &FieldSett
         .filter(|&view| sees_hair(input.hairs[view]))
         .map(|view| BareView::new(&input.rig.cameras[view], input.hairs[view], &grid, [&outside, &skin], settings))
         .collect();
+    let witnesses = if windows.len() >= MANY_VIEWS { 2 } else { 1 };
     let below = -grid.voxel_mm as f32;
     hull.par_iter()
         .zip(&distances)
         .filter(|&(&voxel, &distance)| {
             let point = grid.centre_of_index(voxel as usize);
-            distance > below
-                && !(distance > 0.0 && windows.iter().any(|window| window.shows_no_hair_at(point, settings)))
+            let is_bare = || distance > 0.0 && windows.iter().any(|window| window.shows_no_hair_at(point, settings));
+            let views = || windows.iter().filter(|window| window.shows_hair_before(point, settings));
+            distance > below && !is_bare() && (mode == Mode::Paper || views().nth(witnesses - 1).is_some())
         })
         .map(|(&voxel, _)| voxel)
         .collect()
 }
+
+/// Views from which on single ones are not believed alone: the hairs that lie over a shoulder would open it.
+const MANY_VIEWS: usize = 6;
 
 /// Whether a view shows hair anywhere. One that shows none says nothing of where hair is: its mask may be lost, and a
 /// view that is blind to all hair would empty the whole volume before it.
@@ -323,6 +334,14 @@ impl<'a> BareView<'a> {
             Some(behind) => behind < 0.0,
             None => self.hull.behind_at(pixel, depth).is_some_and(|behind| f64::from(behind) < settings.bare_depth_mm),
         }
+    }
+
+    /// Whether hair that the view shows can reach as deep as this point.
+    fn shows_hair_before(&self, point: DVec3, settings: &FieldSettings) -> bool {
+        let Some(pixel) = project(self.camera, point) else { return false };
+        let is_hair = self.bare.at_point(pixel.x, pixel.y).is_some_and(|&bare| !bare);
+        let behind = || self.hull.behind_at(pixel, depth(self.camera, point));
+        is_hair && behind().is_some_and(|behind| f64::from(behind) < settings.hair_depth_mm)
     }
 }
 

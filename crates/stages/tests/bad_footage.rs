@@ -280,6 +280,24 @@ fn another_body_of_the_hull_is_named_and_has_no_field() {
 }
 
 #[test]
+fn the_inside_of_a_body_below_the_head_holds_no_hair() {
+    let (rig, chest) = (rig(true), (DVec3::new(0.0, 0.0, -150.0), 105.0));
+    let subjects = silhouettes(&rig, &[(DVec3::ZERO, HAIR), chest]);
+    let hairs = silhouettes(&rig, &[(DVec3::ZERO, HAIR)]);
+    let hull = hull_of(&rig, &subjects, &grid(DVec3::new(120.0, 120.0, 270.0))).0.unwrap();
+    let inside = |index: &usize| {
+        let point = hull.grid.centre_of_index(*index);
+        point.z < -HAIR - 10.0 && point.distance(chest.0) < chest.1
+    };
+    let of_chest = hull.indices().filter(inside).count();
+    let (found, _) = field_of(&rig, &hull, &hairs, HEAD);
+    let found = found.unwrap();
+    let left = found.indices.iter().filter(|index| inside(&(**index as usize))).count();
+    assert!(of_chest > 50_000 && left * 50 < of_chest, "{left} of {of_chest}");
+    assert!(found.len() > 1000, "the hair keeps its volume");
+}
+
+#[test]
 fn an_empty_volume_is_named_with_its_frame() {
     let rig = rig(false);
     let hairs = silhouettes(&rig, &[(DVec3::ZERO, HAIR)]);

@@ -23,7 +23,7 @@ impl SynthSpec {
                 out.push(SpecViolation { field, fact: format!("{value} is outside {low}..={high}"), hint });
             }
         };
-        let Self { rig, groom, motion, physics, hand, noise, .. } = self;
+        let Self { rig, groom, motion, physics, body, hand, noise, .. } = self;
         range("rig.frames", rig.frames as f64, 1.0, 10_000.0, "write at least one frame");
         range("rig.fps", rig.fps, 1.0, 10_000.0, "write frames a second");
         range("rig.views", rig.views as f64, 1.0, 64.0, "the chain needs three views or more");
@@ -53,6 +53,7 @@ impl SynthSpec {
         range("motion.nod_deg", motion.nod_deg, -45.0, 45.0, "write degrees");
         range("motion.rate_hz", motion.rate_hz, 0.0, 5.0, "write swings a second");
         range("motion.sway_mm", motion.sway_mm, -500.0, 500.0, "write millimetres");
+        range("body.breadth_mm", body.breadth_mm, 0.0, 700.0, "write millimetres; 400 is usual, 0 none");
         range("hand.radius_mm", hand.radius_mm, 0.0, 200.0, "write millimetres, 0 for none");
         range("hand.distance_mm", hand.distance_mm, 0.0, 450.0, "write millimetres, nearer than any camera");
         range("hand.rate_hz", hand.rate_hz, -5.0, 5.0, "write turns a second");

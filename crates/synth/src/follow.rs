@@ -6,8 +6,8 @@
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
+use crate::body::Skin;
 use crate::groom::Groom;
-use crate::head::{distance, push_out};
 use crate::spec::{Style, SynthSpec};
 
 /// How the strands follow the guides.
@@ -56,7 +56,7 @@ impl Follow {
     }
 
     /// The strands (head frame) where the guides are at `now`.
-    pub(crate) fn strands(&self, groom: &Groom, now: &[Vec<DVec3>]) -> Vec<Vec<DVec3>> {
+    pub(crate) fn strands(&self, groom: &Groom, now: &[Vec<DVec3>], skin: &Skin) -> Vec<Vec<DVec3>> {
         let turns: Vec<Vec<DQuat>> = (0..now.len())
             .into_par_iter()
             .map(|g| {
@@ -68,7 +68,7 @@ impl Follow {
             .into_par_iter()
             .map(|i| {
                 let rest = &groom.strands[i];
-                lay(rest, |k| match self.guides[i][..] {
+                lay(rest, skin, |k| match self.guides[i][..] {
                     [(g, _)] => now[g][k + 1] - now[g][k],
                     ref bound => {
                         let edge = rest[k + 1] - rest[k];
@@ -80,8 +80,8 @@ impl Follow {
     }
 }
 
-/// Lays edges end to end from the root, each of the length it has at rest, outside of the head.
-fn lay(rest: &[DVec3], edge: impl Fn(usize) -> DVec3) -> Vec<DVec3> {
+/// Lays edges end to end from the root, each of the length it has at rest, outside of head and body.
+fn lay(rest: &[DVec3], skin: &Skin, edge: impl Fn(usize) -> DVec3) -> Vec<DVec3> {
     let mut out = Vec::with_capacity(rest.len());
     out.push(rest[0]);
     let mut p = rest[0];
@@ -90,10 +90,10 @@ fn lay(rest: &[DVec3], edge: impl Fn(usize) -> DVec3) -> Vec<DVec3> {
         let mut direction = edge(k).normalize_or((rest[k + 1] - rest[k]).normalize_or(DVec3::NEG_Z));
         for _ in 0..5 {
             let q = p + direction * length;
-            if distance(q) >= 0.1 {
+            if skin.distance(q) >= 0.1 {
                 break;
             }
-            direction = (push_out(q, 0.4) - p).normalize_or(direction);
+            direction = (skin.push_out(q, 0.4) - p).normalize_or(direction);
         }
         p += direction * length;
         out.push(p);

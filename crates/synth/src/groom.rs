@@ -5,7 +5,9 @@ use rand::Rng;
 use rayon::prelude::*;
 use strandflow_core::TriMesh;
 
-use crate::head::{CRANIUM, NECK_END, distance, has_hair, normal, push_out, smooth_step};
+use crate::body::{Body, Skin};
+use crate::head::{CRANIUM, NECK_END, distance, has_hair, normal, smooth_step};
+use crate::motion::at_rest;
 use crate::random::{normal as normal_number, signed, smooth_noise, stream};
 use crate::spec::{GroomSpec, Style, SynthSpec};
 
@@ -23,10 +25,11 @@ pub struct Groom {
 /// Grows the groom of a spec on the head's mesh.
 pub fn groom(spec: &SynthSpec, mesh: &TriMesh) -> Groom {
     let g = &spec.groom;
+    let skin = Skin { body: Body::of(spec), world_from_head: at_rest() };
     let roots = roots(spec, mesh);
     let layers: Vec<f64> = (0..roots.len()).map(|i| layer(spec, &roots, i)).collect();
     let combed: Vec<Vec<DVec3>> =
-        (0..roots.len()).into_par_iter().map(|i| comb(spec, i, roots[i], layers[i])).collect();
+        (0..roots.len()).into_par_iter().map(|i| comb(spec, &skin, i, roots[i], layers[i])).collect();
     let locks = (roots.len() / 18).clamp(1, 600);
     let strands = (0..roots.len())
         .into_par_iter()
@@ -36,7 +39,7 @@ pub fn groom(spec: &SynthSpec, mesh: &TriMesh) -> Groom {
             wave(spec, i, lock, &mut line);
             for (k, p) in line.iter_mut().enumerate().skip(1) {
                 let rise = (k as f64 * g.edge_mm * 0.35).min(layers[i]).min(spec.physics.clearance_mm + 0.5);
-                *p = push_out(*p, rise);
+                *p = skin.push_out(*p, rise);
             }
             even_edges(&line, g.edge_mm)
         })
@@ -138,7 +141,7 @@ fn layer(spec: &SynthSpec, roots: &[DVec3], i: usize) -> f64 {
 }
 
 /// A smooth strand that leaves the scalp, follows the comb, falls, and stays outside of its layer's height.
-fn comb(spec: &SynthSpec, i: usize, root: DVec3, layer: f64) -> Vec<DVec3> {
+fn comb(spec: &SynthSpec, skin: &Skin, i: usize, root: DVec3, layer: f64) -> Vec<DVec3> {
     let g = &spec.groom;
     let mut rng = stream(spec.seed, &[5, i as u64]);
     let step = g.edge_mm * 0.5;
@@ -162,7 +165,7 @@ fn comb(spec: &SynthSpec, i: usize, root: DVec3, layer: f64) -> Vec<DVec3> {
             next -= n * (next.dot(n) * bend * 2.0 * (height / layer.max(1.0)).min(1.0));
         }
         d = next.normalize_or(d);
-        let q = push_out(p + d * step, least);
+        let q = skin.push_out(p + d * step, least);
         d = (q - p).normalize_or(d);
         p += d * step;
         line.push(p);

@@ -26,17 +26,22 @@ pub fn distance(p: DVec3) -> f64 {
 
 /// Outward unit normal of the level of [`distance`] through a point.
 pub fn normal(p: DVec3) -> DVec3 {
-    gradient(p, distance(p)).normalize_or(DVec3::Z)
+    gradient(distance, p, distance(p)).normalize_or(DVec3::Z)
 }
 
 /// A point moved out along the gradient to a distance of at least `clearance` \[mm\].
-pub fn push_out(mut p: DVec3, clearance: f64) -> DVec3 {
+pub fn push_out(p: DVec3, clearance: f64) -> DVec3 {
+    out_of(distance, p, clearance)
+}
+
+/// A point moved out along the gradient of a signed distance.
+pub(crate) fn out_of(distance: impl Fn(DVec3) -> f64, mut p: DVec3, clearance: f64) -> DVec3 {
     for _ in 0..3 {
         let d = distance(p);
         if d >= clearance {
             break;
         }
-        let g = gradient(p, d);
+        let g = gradient(&distance, p, d);
         p += g * ((clearance - d) / g.length_squared().max(1e-3));
     }
     p
@@ -67,28 +72,32 @@ pub fn mesh(levels: usize) -> TriMesh {
     let centre = DVec3::new(0.0, 5.0, -25.0);
     let mut sphere = icosphere(DVec3::ZERO, 1.0, levels);
     for vertex in &mut sphere.vertices {
-        let direction = *vertex;
-        let mut r = 320.0;
-        for _ in 0..200 {
-            let d = distance(centre + direction * r);
-            r -= d * 0.5;
-            if d.abs() < 1e-4 {
-                break;
-            }
-        }
-        *vertex = centre + direction * r;
+        *vertex = onto(distance, centre, *vertex, 320.0);
     }
     sphere
 }
 
+/// The outermost point within `reach` \[mm\] of a middle in a direction where a signed distance is zero.
+pub(crate) fn onto(distance: impl Fn(DVec3) -> f64, centre: DVec3, direction: DVec3, reach: f64) -> DVec3 {
+    let mut r = reach;
+    for _ in 0..200 {
+        let d = distance(centre + direction * r);
+        r -= d * 0.5;
+        if d.abs() < 1e-4 {
+            break;
+        }
+    }
+    centre + direction * r
+}
+
 /// Forward differences from the distance `d` at `p`; their error is below 1e-3 on a head.
-fn gradient(p: DVec3, d: f64) -> DVec3 {
+pub(crate) fn gradient(distance: impl Fn(DVec3) -> f64, p: DVec3, d: f64) -> DVec3 {
     const H: f64 = 0.02;
     let slope = |e: DVec3| (distance(p + e * H) - d) / H;
     DVec3::new(slope(DVec3::X), slope(DVec3::Y), slope(DVec3::Z))
 }
 
-fn ellipsoid(p: DVec3, radii: DVec3) -> f64 {
+pub(crate) fn ellipsoid(p: DVec3, radii: DVec3) -> f64 {
     let k0 = (p / radii).length();
     let k1 = (p / (radii * radii)).length();
     if k1 < 1e-12 { -radii.min_element() } else { k0 * (k0 - 1.0) / k1 }
@@ -103,7 +112,7 @@ fn neck(p: DVec3) -> f64 {
 }
 
 /// The smooth minimum with a cubic blend over `k` mm (Quilez 2013).
-fn smooth_min(a: f64, b: f64, k: f64) -> f64 {
+pub(crate) fn smooth_min(a: f64, b: f64, k: f64) -> f64 {
     let h = (k - (a - b).abs()).max(0.0) / k;
     a.min(b) - h * h * h * k / 6.0
 }

@@ -18,6 +18,7 @@
 //! assert_eq!(scene.frame(0).strands.strand_count(), 50);
 //! ```
 
+pub mod body;
 mod check;
 mod follow;
 pub mod groom;
@@ -38,5 +39,5 @@ pub use check::SpecViolation;
 pub use groom::Groom;
 pub use render::{MarkerLabels, Picture};
 pub use scene::{FrameTruth, MARKER_COLOURS, MARKER_RADIUS_MM, Scene, generate};
-pub use spec::{GroomSpec, HandSpec, MotionSpec, NoiseSpec, PhysicsSpec, RigSpec, Style, SynthSpec};
+pub use spec::{BodySpec, GroomSpec, HandSpec, MotionSpec, NoiseSpec, PhysicsSpec, RigSpec, Style, SynthSpec};
 pub use strandflow_dynamics::GRAVITY;

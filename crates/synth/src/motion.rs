@@ -9,6 +9,11 @@ use crate::spec::SynthSpec;
 /// Where the head stands in the world \[mm\].
 pub const STAND: DVec3 = DVec3::new(0.0, 0.0, 1250.0);
 
+/// The pose from which the head moves.
+pub(crate) fn at_rest() -> RigidTransform {
+    RigidTransform { rotation: DMat3::IDENTITY, translation: STAND }
+}
+
 /// Joint of head and neck in the head frame \[mm\].
 const PIVOT: DVec3 = DVec3::new(0.0, 20.0, -70.0);
 

@@ -5,9 +5,10 @@ use rayon::prelude::*;
 use strandflow_core::RigidTransform;
 use strandflow_dynamics::{Forces, Model, Params, RestShape, State, Workspace, step};
 
+use crate::body::Body;
 use crate::groom::Groom;
 use crate::head::{distance, normal};
-use crate::motion::pose;
+use crate::motion::{at_rest, pose};
 use crate::spec::SynthSpec;
 
 /// Drag while the hair settles before the capture \[1/s\].
@@ -67,6 +68,8 @@ fn simulate_guide(spec: &SynthSpec, rest: &[DVec3], layer: f64, first: i64, last
     // Hair keeps some of the height it was combed to: the layers below it carry it.
     let keep: Vec<f64> =
         rest.iter().map(|&p| (0.75 * distance(p).min(layer)).max(physics.clearance_mm.min(distance(p)))).collect();
+    let body = Body::of(spec);
+    let rest_on = keep_on_body(spec, body.as_ref(), rest, layer);
     let start = pose(spec, first as f64);
     let world: Vec<DVec3> = rest.iter().map(|&p| start.point(p)).collect();
     let (mut state, mut workspace) = (State::at_rest(&world), Workspace::new(&model));
@@ -74,6 +77,9 @@ fn simulate_guide(spec: &SynthSpec, rest: &[DVec3], layer: f64, first: i64, last
         let root: Vec<DVec3> = rest[..CLAMPED.min(rest.len())].iter().map(|&p| to.point(p)).collect();
         step(&model, params, state, &mut workspace, dt, &root, &Forces::default());
         collide(state, &from, &to, dt, &keep, physics.friction);
+        if let Some(body) = &body {
+            collide_with_body(state, body, dt, &rest_on, physics.friction);
+        }
     };
     let dt = interval(SETTLING_SUBSTEPS);
     for _ in 0..(physics.settle_secs / dt).round() as usize {
@@ -92,6 +98,28 @@ fn simulate_guide(spec: &SynthSpec, rest: &[DVec3], layer: f64, first: i64, last
         out.push(local(&state, frame as f64 + 1.0));
     }
     out
+}
+
+/// Height that particles keep above the body, as above the head.
+fn keep_on_body(spec: &SynthSpec, body: Option<&Body>, rest: &[DVec3], layer: f64) -> Vec<f64> {
+    let height = |&p: &DVec3| body.map_or(0.0, |body| body.distance(at_rest().point(p)));
+    let clearance = spec.physics.clearance_mm;
+    rest.iter().map(height).map(|height| (0.75 * height.min(layer)).max(clearance.min(height))).collect()
+}
+
+/// As [`collide`], with what stands still.
+fn collide_with_body(state: &mut State, body: &Body, dt: f64, keep: &[f64], friction: f64) {
+    for ((x, v), &keep) in state.x.iter_mut().zip(&mut state.v).zip(keep).skip(CLAMPED) {
+        let d = body.distance(*x);
+        if d >= keep {
+            continue;
+        }
+        let out = body.normal(*x);
+        let across = v.dot(out);
+        let along = *v - out * across;
+        *x += out * (keep - d);
+        *v -= out * across.min(0.0) + along * (1.0 - (-friction * dt).exp());
+    }
 }
 
 /// Moves particles out to the height they keep, and takes away the speed into the head and some of that along it.

@@ -101,6 +101,10 @@ impl Scene {
         let hair_of_band =
             binned(&hair, bands, (BAND_ROWS * ss) as f32, lens.width(self.spec.groom.width_mm, &lit.fibres));
         let skin_of_band = binned_faces(&self.head.faces, &skin, bands, (BAND_ROWS * ss) as f32);
+        let standing = self.body.iter().flat_map(|body| body.vertices.iter().zip(&self.cloth));
+        let cloth: Vec<Vertex> = standing.map(|(&p, &colour)| lens.vertex(p, colour)).collect();
+        let cloth_faces = self.body.as_ref().map_or(&[][..], |body| &body.faces);
+        let cloth_of_band = binned_faces(cloth_faces, &cloth, bands, (BAND_ROWS * ss) as f32);
         let hand = lens.vertex(lit.hand, Vec3::new(0.75, 0.46, 0.34));
         (0..bands)
             .into_par_iter()
@@ -110,6 +114,9 @@ impl Scene {
                 let mut band = Band::new(camera.width * ss, first * ss..last * ss);
                 for &f in &skin_of_band[b] {
                     band.triangle(self.head.faces[f as usize].map(|v| &skin[v as usize]));
+                }
+                for &f in &cloth_of_band[b] {
+                    band.triangle(cloth_faces[f as usize].map(|v| &cloth[v as usize]));
                 }
                 for &(i, k) in &hair_of_band[b] {
                     let (p, q) = (&hair[i as usize][k as usize], &hair[i as usize][k as usize + 1]);

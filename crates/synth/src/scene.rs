@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3, Vec3};
 use strandflow_core::{Plane, Provenance, Rig, RigidTransform, Strands, TriMesh};
 use strandflow_geometry::project::project;
 
+use crate::body::{Body, Skin};
 use crate::check::SpecViolation;
 use crate::follow::Follow;
 use crate::groom::{Groom, groom};
@@ -15,6 +16,7 @@ use crate::picture::background;
 use crate::random::{normal, signed, stream};
 use crate::rig::{miscalibrated, rig};
 use crate::spec::SynthSpec;
+use crate::studio::cloth;
 
 /// Radius of a marker ball \[mm\].
 pub const MARKER_RADIUS_MM: f64 = 4.8;
@@ -43,6 +45,8 @@ pub struct Scene {
     pub given_rig: Rig,
     /// Closed head surface, head frame \[mm\].
     pub head: TriMesh,
+    /// Closed surface of the body, world \[mm\], where there is one.
+    pub body: Option<TriMesh>,
     /// The hair at rest.
     pub groom: Groom,
     /// Marker centres, head frame \[mm\].
@@ -51,6 +55,8 @@ pub struct Scene {
     pub delays: Vec<f64>,
     pub(crate) plates: Vec<Plane<Vec3>>,
     pub(crate) head_opacity: Vec<f32>,
+    /// Colours of the body's vertices.
+    pub(crate) cloth: Vec<Vec3>,
     follow: Follow,
     guides: GuideMotion,
 }
@@ -76,7 +82,10 @@ pub fn generate(spec: &SynthSpec) -> Result<Scene, Vec<SpecViolation>> {
     let groom = groom(spec, &head);
     let follow = Follow::new(spec, &groom);
     let guides = simulate(spec, &groom);
-    let settled = follow.strands(&groom, &guides.at(0.0));
+    let body = Body::of(spec);
+    let skin = Skin { body, world_from_head: pose(spec, 0.0) };
+    let settled = follow.strands(&groom, &guides.at(0.0), &skin);
+    let mesh = body.map(|body| body.mesh(5));
     let rig = rig(spec);
     let delays = (0..spec.rig.views)
         .map(|v| signed(&mut stream(spec.seed, &[40, v as u64])) * spec.noise.sync_ms * 1e-3 * spec.rig.fps)
@@ -89,6 +98,8 @@ pub fn generate(spec: &SynthSpec) -> Result<Scene, Vec<SpecViolation>> {
         spec: spec.clone(),
         rig,
         head,
+        cloth: body.iter().zip(&mesh).flat_map(|(body, mesh)| cloth(spec.seed, body, mesh)).collect(),
+        body: mesh,
         groom,
         delays,
         follow,
@@ -142,7 +153,9 @@ impl Scene {
 
     /// All strands in the head frame, and the head's pose, at a time in frames.
     pub(crate) fn moment(&self, frame: f64) -> (Vec<Vec<DVec3>>, RigidTransform) {
-        (self.follow.strands(&self.groom, &self.guides.at(frame)), pose(&self.spec, frame))
+        let world_from_head = pose(&self.spec, frame);
+        let skin = Skin { body: Body::of(&self.spec), world_from_head };
+        (self.follow.strands(&self.groom, &self.guides.at(frame), &skin), world_from_head)
     }
 }
 

@@ -29,6 +29,8 @@ pub struct SynthSpec {
     pub motion: MotionSpec,
     /// The strands' physics.
     pub physics: PhysicsSpec,
+    /// What the head stands on.
+    pub body: BodySpec,
     /// What passes between cameras and head.
     pub hand: HandSpec,
     /// What is wrong with the footage.
@@ -111,6 +113,14 @@ pub struct MotionSpec {
     pub rate_hz: f64,
     /// Greatest way of the whole head to its sides \[mm\].
     pub sway_mm: f64,
+}
+
+/// Shoulders and chest that stand still and on which hair lies. Of no breadth by default: the head floats.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BodySpec {
+    /// Breadth over the shoulders \[mm\].
+    pub breadth_mm: f64,
 }
 
 /// A ball of the colour of skin that circles the head and hides markers, as a hand would. Of no radius by default: none.

@@ -2,9 +2,10 @@
 
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
-use strandflow_core::{Camera, RigidTransform};
+use strandflow_core::{Camera, RigidTransform, TriMesh};
 use strandflow_geometry::project::project;
 
+use crate::body::Body;
 use crate::head::{has_hair, normal};
 use crate::light::{Density, Light, density_grid, fibre, lights};
 use crate::motion::hand;
@@ -106,6 +107,18 @@ impl Scene {
             .collect();
         Lit { fibres, skin, world_from_head, hand: hand(&self.spec, frame), lights }
     }
+}
+
+/// Colours of the vertices of the body's cloth: no shadows fall on it, but its own sides are dark.
+pub(crate) fn cloth(seed: u64, body: &Body, mesh: &TriMesh) -> Vec<Vec3> {
+    let colour = |&p: &DVec3| {
+        let n = body.normal(p).as_vec3();
+        let direct: f32 =
+            lights().iter().map(|light| light.strength * (0.8 * n.dot(light.towards) + 0.2).max(0.0)).sum();
+        let woven = 1.0 + 0.15 * smooth_noise(seed ^ 0xc107, p / 9.0) as f32;
+        Vec3::new(0.16, 0.07, 0.09) * woven * (0.6 * direct + 0.15)
+    };
+    mesh.vertices.iter().map(colour).collect()
 }
 
 impl Fibre {

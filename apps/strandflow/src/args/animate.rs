@@ -40,9 +40,13 @@ pub struct AnimateArgs {
     /// Frames to make; more than the capture has go to and fro without a seam.
     #[arg(long, value_name = "N")]
     pub length: Option<usize>,
-    /// A mesh (Wavefront OBJ, millimetres, the take's world) that stands still and hair may not enter, such as shoulders.
+    /// A mesh (Wavefront OBJ, millimetres, the take's world) that stands still and hair may not enter, in place of the
+    /// shoulders that the hulls show.
     #[arg(long, value_name = "FILE")]
     pub collide: Option<PathBuf>,
+    /// Let hair through what stands still below the head.
+    #[arg(long, conflicts_with = "collide")]
+    pub no_shoulders: bool,
     /// Factor of the captured motion beside the head's: 0 moves with the head, 1 as captured.
     #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
     pub amplitude: f64,
