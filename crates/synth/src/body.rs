@@ -67,18 +67,18 @@ pub(crate) struct Skin {
 impl Skin {
     /// Signed distance from a point of the head frame to the nearer surface \[mm\].
     pub fn distance(&self, p: DVec3) -> f64 {
-        head::distance(p).min(self.to_body(p))
+        head::distance(p).min(self.over_body(p))
     }
 
-    /// Signed distance from a point of the head frame to the body \[mm\].
-    fn to_body(&self, p: DVec3) -> f64 {
+    /// Height of a point of the head frame over the body, negative inside \[mm\].
+    fn over_body(&self, p: DVec3) -> f64 {
         self.body.map_or(f64::INFINITY, |body| body.distance(self.world_from_head.point(p)))
     }
 
     /// A point of the head frame moved out of head and body to a distance of at least `clearance` \[mm\].
     pub fn push_out(&self, p: DVec3, clearance: f64) -> DVec3 {
         let p = head::push_out(p, clearance);
-        if self.to_body(p) >= clearance { p } else { head::out_of(|p| self.to_body(p), p, clearance) }
+        if self.over_body(p) >= clearance { p } else { head::out_of(|p| self.over_body(p), p, clearance) }
     }
 }
 

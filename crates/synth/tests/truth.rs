@@ -5,7 +5,8 @@ use glam::{DVec2, DVec3};
 use strandflow_core::{Mask, RgbImage, Strands};
 use strandflow_geometry::{polyline, project::project, triangulate::triangulate};
 use strandflow_synth::{
-    GroomSpec, MARKER_COLOURS, MotionSpec, NoiseSpec, Picture, RigSpec, Scene, Style, SynthSpec, generate, head,
+    GroomSpec, MARKER_COLOURS, MotionSpec, NoiseSpec, Picture, RigSpec, Scene, Style, SynthSpec, body::Body, generate,
+    head,
 };
 
 fn small(style: Style) -> SynthSpec {
@@ -45,6 +46,26 @@ fn strands_keep_their_length_and_stay_out_of_the_head() {
             assert!(deepest < 1.0, "{style:?} frame {t}: {deepest} mm inside the head");
         }
     }
+}
+
+#[test]
+fn long_hair_lies_on_the_body_and_the_body_is_seen() {
+    let mut spec = small(Style::Straight);
+    spec.groom = GroomSpec { length_mm: 330.0, cut_below_mm: 250.0, ..spec.groom };
+    let floating = scene(&spec);
+    spec.body.breadth_mm = 400.0;
+    let (scene, body) = (scene(&spec), Body::of(&spec).unwrap());
+    for t in 0..8 {
+        let truth = scene.frame(t);
+        let heights: Vec<f64> = truth.strands.points.iter().map(|p| body.distance(p.as_dvec3())).collect();
+        let deepest = heights.iter().copied().fold(f64::INFINITY, f64::min);
+        assert!(deepest > -1.5, "frame {t}: {deepest} mm in the body");
+        assert!(heights.iter().filter(|height| **height < 8.0).count() > 500, "some hair lies on it");
+    }
+    let covered = |mask: &Mask| mask.data.iter().filter(|coverage| **coverage >= 128).count();
+    let (with, without) = (scene.render_view(3, 0), floating.render_view(3, 0));
+    assert!(covered(&with.subject) > covered(&without.subject) + 500);
+    assert!(covered(&with.hair) < covered(&with.subject) - 500, "cloth is no hair");
 }
 
 #[test]
