@@ -78,7 +78,7 @@ pub struct FieldSettings {
     pub shell_voxels: usize,
     /// How deep behind the hull a bare pixel opens the hair volume where no scalp is known \[mm\].
     pub bare_depth_mm: f64,
-    /// How deep behind the hull hair can be where a view shows hair \[mm\], robust mode. Where six views or more show hair, two
+    /// How deep behind the hull hair can be where a view shows hair \[mm\], robust mode; before the head, at any depth. Where six views or more show hair, two
     /// must show it there; what lies deeper is the body, as chest and shoulders do (measured: `docs/results.md`, "Shoulders").
     pub hair_depth_mm: f64,
 }
@@ -336,12 +336,14 @@ impl<'a> BareView<'a> {
         }
     }
 
-    /// Whether hair that the view shows can reach as deep as this point.
+    /// Whether hair that the view shows can reach as deep as this point: all the way to the head, or some way.
     fn shows_hair_before(&self, point: DVec3, settings: &FieldSettings) -> bool {
         let Some(pixel) = project(self.camera, point) else { return false };
         let is_hair = self.bare.at_point(pixel.x, pixel.y).is_some_and(|&bare| !bare);
-        let behind = || self.hull.behind_at(pixel, depth(self.camera, point));
-        is_hair && behind().is_some_and(|behind| f64::from(behind) < settings.hair_depth_mm)
+        let depth = depth(self.camera, point);
+        let is_before_head = || self.skin.behind_at(pixel, depth).is_some_and(|behind| behind < 0.0);
+        let behind = || self.hull.behind_at(pixel, depth);
+        is_hair && (is_before_head() || behind().is_some_and(|behind| f64::from(behind) < settings.hair_depth_mm))
     }
 }
 
