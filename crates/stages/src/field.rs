@@ -1,7 +1,8 @@
 //! Stage 7: the dense line field of the hair volume, diffused from the sparse lines as tensors.
 //!
 //! The hair volume lies between the scalp and the hull, where hair can be: a ray that shows skin meets no hair before the
-//! skin, and one that shows hair meets the body some way behind it. Reference: Paris et al. 2008, section 5; Zhang et al. 2012, section 4.
+//! skin, and one that shows hair meets the body some way behind it. Reference: Paris et al. 2008, section 5; Zhang et al. 2012,
+//! section 4.
 
 use std::collections::VecDeque;
 
@@ -18,7 +19,7 @@ use strandflow_geometry::{
 use strandflow_volume::{
     diffuse::{Constraint, Solver, diffuse},
     tensor::Tensor,
-    visibility::{DepthMap, surface_voxels},
+    visibility::{DepthMap, surface_voxels, without_layers},
 };
 
 use crate::{Mode, SettingViolation, StageError, hull::bodies, lift::Line};
@@ -78,8 +79,8 @@ pub struct FieldSettings {
     pub shell_voxels: usize,
     /// How deep behind the hull a bare pixel opens the hair volume where no scalp is known \[mm\].
     pub bare_depth_mm: f64,
-    /// How deep behind the hull hair can be where a view shows hair \[mm\], robust mode; before the head, at any depth. Where six views or more show hair, two
-    /// must show it there; what lies deeper is the body, as chest and shoulders do (measured: `docs/results.md`, "Shoulders").
+    /// How deep behind the hull hair can be where a view shows hair \[mm\], robust mode; before the head, at any depth. Where six
+    /// views or more show hair, two must show it there. What lies deeper is the body (measured: `docs/results.md`, "Shoulders").
     pub hair_depth_mm: f64,
 }
 
@@ -235,15 +236,29 @@ fn hair_volume(input: &FieldInput, head: &Head, mode: Mode, settings: &FieldSett
         .filter(|&view| sees_hair(input.hairs[view]))
         .map(|view| BareView::new(&input.rig.cameras[view], input.hairs[view], &grid, [&outside, &skin], settings))
         .collect();
-    let witnesses = if windows.len() >= MANY_VIEWS { 2 } else { 1 };
+    // Where no view shows hair at all, none can tell.
+    let witnesses = match windows.len() {
+        0 => 0,
+        _ if mode == Mode::Paper => 0,
+        views => 1 + usize::from(views >= MANY_VIEWS),
+    };
+    let holds_hair = |point: DVec3, distance: f32| {
+        let mut shown = 0;
+        for window in &windows {
+            match window.says(point, settings) {
+                Says::NoHair if distance > 0.0 => return false,
+                Says::Hair => shown += 1,
+                _ => {}
+            }
+        }
+        shown >= witnesses
+    };
     let below = -grid.voxel_mm as f32;
     hull.par_iter()
         .zip(&distances)
         .filter(|&(&voxel, &distance)| {
             let point = grid.centre_of_index(voxel as usize);
-            let is_bare = || distance > 0.0 && windows.iter().any(|window| window.shows_no_hair_at(point, settings));
-            let views = || windows.iter().filter(|window| window.shows_hair_before(point, settings));
-            distance > below && !is_bare() && (mode == Mode::Paper || views().nth(witnesses - 1).is_some())
+            distance > below && holds_hair(point, distance)
         })
         .map(|(&voxel, _)| voxel)
         .collect()
@@ -281,19 +296,19 @@ fn others(hull: &Occupancy, head: &Head) -> Vec<usize> {
     bodies.into_iter().enumerate().filter(|(body, _)| *body != holder).flat_map(|(_, voxels)| voxels).collect()
 }
 
-/// The hull without its outermost layers of voxels.
-fn without_layers(hull: &Occupancy, layers: usize) -> Occupancy {
-    let mut rest = hull.clone();
-    for _ in 0..layers {
-        surface_voxels(&rest).into_iter().for_each(|voxel| rest.set(voxel as usize, false));
-    }
-    rest
-}
-
 fn surface_of(grid: &Grid, voxels: &[u32]) -> Vec<u32> {
     let mut occupancy = Occupancy::empty(*grid);
     voxels.iter().for_each(|&voxel| occupancy.set(voxel as usize, true));
     surface_voxels(&occupancy)
+}
+
+/// What a view says of a point.
+enum Says {
+    /// It sees through it.
+    NoHair,
+    /// Hair that it shows can reach so deep.
+    Hair,
+    Nothing,
 }
 
 /// A view in which some pixels of the subject show no hair: skin, mostly.
@@ -321,29 +336,26 @@ impl<'a> BareView<'a> {
         Self { camera, bare: without_small_patches(bare, least_pixels as usize), hull, skin }
     }
 
-    /// Whether a bare pixel sees through this point to the skin; where no skin is known, whether the point lies close
-    /// behind the hull. The pixel's neighbours must be bare too: masks are right to a pixel.
-    fn shows_no_hair_at(&self, point: DVec3, settings: &FieldSettings) -> bool {
-        let Some(pixel) = project(self.camera, point) else { return false };
-        let bare = |du: f64, dv: f64| self.bare.at_point(pixel.x + du, pixel.y + dv).is_some_and(|&bare| bare);
-        if ![(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)].iter().all(|&(du, dv)| bare(du, dv)) {
-            return false;
-        }
+    /// What the view says of a point. A bare pixel sees through it where skin lies behind, and close behind the hull where no skin
+    /// is known; the pixel's neighbours must be bare too, for masks are right to a pixel. Hair that is shown can reach all the way
+    /// to the head, or some way behind the hull.
+    fn says(&self, point: DVec3, settings: &FieldSettings) -> Says {
+        let Some(pixel) = project(self.camera, point) else { return Says::Nothing };
+        let bare = |du: f64, dv: f64| self.bare.at_point(pixel.x + du, pixel.y + dv).copied();
         let depth = depth(self.camera, point);
-        match self.skin.behind_at(pixel, depth) {
-            Some(behind) => behind < 0.0,
-            None => self.hull.behind_at(pixel, depth).is_some_and(|behind| f64::from(behind) < settings.bare_depth_mm),
+        let skin = self.skin.behind_at(pixel, depth);
+        let is_within = |mm: f64| self.hull.behind_at(pixel, depth).is_some_and(|behind| f64::from(behind) < mm);
+        match bare(0.0, 0.0) {
+            Some(true) => {
+                let sure = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
+                    .iter()
+                    .all(|&(du, dv)| bare(du, dv) == Some(true));
+                let sees_through = || skin.map_or_else(|| is_within(settings.bare_depth_mm), |behind| behind < 0.0);
+                if sure && sees_through() { Says::NoHair } else { Says::Nothing }
+            }
+            Some(false) if skin.is_some_and(|behind| behind < 0.0) || is_within(settings.hair_depth_mm) => Says::Hair,
+            _ => Says::Nothing,
         }
-    }
-
-    /// Whether hair that the view shows can reach as deep as this point: all the way to the head, or some way.
-    fn shows_hair_before(&self, point: DVec3, settings: &FieldSettings) -> bool {
-        let Some(pixel) = project(self.camera, point) else { return false };
-        let is_hair = self.bare.at_point(pixel.x, pixel.y).is_some_and(|&bare| !bare);
-        let depth = depth(self.camera, point);
-        let is_before_head = || self.skin.behind_at(pixel, depth).is_some_and(|behind| behind < 0.0);
-        let behind = || self.hull.behind_at(pixel, depth);
-        is_hair && (is_before_head() || behind().is_some_and(|behind| f64::from(behind) < settings.hair_depth_mm))
     }
 }
 

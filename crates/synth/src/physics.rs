@@ -66,10 +66,12 @@ fn simulate_guide(spec: &SynthSpec, rest: &[DVec3], layer: f64, first: i64, last
         drag,
     };
     // Hair keeps some of the height it was combed to: the layers below it carry it.
-    let keep: Vec<f64> =
-        rest.iter().map(|&p| (0.75 * distance(p).min(layer)).max(physics.clearance_mm.min(distance(p)))).collect();
-    let body = Body::of(spec);
-    let rest_on = keep_on_body(spec, body.as_ref(), rest, layer);
+    let kept = |height: f64| (0.75 * height.min(layer)).max(physics.clearance_mm.min(height));
+    let keep: Vec<f64> = rest.iter().map(|&p| kept(distance(p))).collect();
+    let body = Body::of(spec).map(|body| {
+        let keep: Vec<f64> = rest.iter().map(|&p| kept(body.distance(at_rest().point(p)))).collect();
+        (body, keep)
+    });
     let start = pose(spec, first as f64);
     let world: Vec<DVec3> = rest.iter().map(|&p| start.point(p)).collect();
     let (mut state, mut workspace) = (State::at_rest(&world), Workspace::new(&model));
@@ -77,8 +79,8 @@ fn simulate_guide(spec: &SynthSpec, rest: &[DVec3], layer: f64, first: i64, last
         let root: Vec<DVec3> = rest[..CLAMPED.min(rest.len())].iter().map(|&p| to.point(p)).collect();
         step(&model, params, state, &mut workspace, dt, &root, &Forces::default());
         collide(state, &from, &to, dt, &keep, physics.friction);
-        if let Some(body) = &body {
-            collide_with_body(state, body, dt, &rest_on, physics.friction);
+        if let Some((body, keep)) = &body {
+            collide_with_body(state, body, dt, keep, physics.friction);
         }
     };
     let dt = interval(SETTLING_SUBSTEPS);
@@ -100,13 +102,6 @@ fn simulate_guide(spec: &SynthSpec, rest: &[DVec3], layer: f64, first: i64, last
     out
 }
 
-/// Height that particles keep above the body, as above the head.
-fn keep_on_body(spec: &SynthSpec, body: Option<&Body>, rest: &[DVec3], layer: f64) -> Vec<f64> {
-    let height = |&p: &DVec3| body.map_or(0.0, |body| body.distance(at_rest().point(p)));
-    let clearance = spec.physics.clearance_mm;
-    rest.iter().map(height).map(|height| (0.75 * height.min(layer)).max(clearance.min(height))).collect()
-}
-
 /// As [`collide`], with what stands still.
 fn collide_with_body(state: &mut State, body: &Body, dt: f64, keep: &[f64], friction: f64) {
     for ((x, v), &keep) in state.x.iter_mut().zip(&mut state.v).zip(keep).skip(CLAMPED) {
@@ -115,11 +110,16 @@ fn collide_with_body(state: &mut State, body: &Body, dt: f64, keep: &[f64], fric
             continue;
         }
         let out = body.normal(*x);
-        let across = v.dot(out);
-        let along = *v - out * across;
         *x += out * (keep - d);
-        *v -= out * across.min(0.0) + along * (1.0 - (-friction * dt).exp());
+        *v -= taken(*v, out, friction * dt);
     }
+}
+
+/// What contact takes of a speed against a surface: all of it inwards, and some of it along.
+fn taken(relative: DVec3, out: DVec3, slowing: f64) -> DVec3 {
+    let across = relative.dot(out);
+    let along = relative - out * across;
+    out * across.min(0.0) + along * (1.0 - (-slowing).exp())
 }
 
 /// Moves particles out to the height they keep, and takes away the speed into the head and some of that along it.
@@ -134,10 +134,7 @@ fn collide(state: &mut State, from: &RigidTransform, to: &RigidTransform, dt: f6
         let n = normal(p);
         let out = to.vector(n);
         let skin = (to.point(p) - from.point(p)) / dt;
-        let relative = *v - skin;
-        let across = relative.dot(out);
-        let along = relative - out * across;
         *x = to.point(p + n * (keep - d));
-        *v -= out * across.min(0.0) + along * (1.0 - (-friction * dt).exp());
+        *v -= taken(*v - skin, out, friction * dt);
     }
 }

@@ -36,6 +36,15 @@ impl DepthMap {
     }
 }
 
+/// The occupied voxels without their outermost layers.
+pub fn without_layers(occupancy: &Occupancy, layers: usize) -> Occupancy {
+    let mut rest = occupancy.clone();
+    for _ in 0..layers {
+        surface_voxels(&rest).into_iter().for_each(|voxel| rest.set(voxel as usize, false));
+    }
+    rest
+}
+
 /// Draws one voxel into the z-buffer.
 fn splat(camera: &Camera, centre: DVec3, voxel_mm: f64, map: &mut Plane<f32>) {
     let (Some(pixel), z) = (project(camera, centre), depth(camera, centre)) else { return };

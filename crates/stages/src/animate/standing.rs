@@ -4,7 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use strandflow_core::{Occupancy, TriMesh};
 use strandflow_geometry::surface_nets::surface;
-use strandflow_volume::{carve::largest_component, velocity::dilated, visibility::surface_voxels};
+use strandflow_volume::{carve::largest_component, velocity::dilated, visibility::without_layers};
 
 /// Distance from the head below which a voxel is the head's \[mm\].
 const HEAD_MM: f64 = 12.0;
@@ -50,14 +50,14 @@ impl Standing {
     pub fn surface(self, below: impl Fn(DVec3) -> bool) -> Option<(TriMesh, f64)> {
         let grid = self.always.grid;
         let layers = |mm: f64| (mm / grid.voxel_mm).ceil() as usize;
-        let mut body = without_layers(self.always.clone(), layers(SHELL_MM));
+        let mut body = without_layers(&self.always, layers(SHELL_MM));
         for (i, &count) in self.free.iter().enumerate() {
             if 2 * count <= self.frames {
                 body.set(i, false);
             }
         }
         let thick = layers(THIN_MM);
-        body = largest_component(&without_layers(body, thick));
+        body = largest_component(&without_layers(&body, thick));
         for _ in 0..thick {
             body = dilated(&body);
         }
@@ -66,13 +66,6 @@ impl Standing {
         let litres = body.indices().count() as f64 / litre;
         (lower >= LEAST_LITRES).then(|| (surface(&body, (SAMPLE_MM / grid.voxel_mm).round().max(1.0) as usize), litres))
     }
-}
-
-fn without_layers(mut occupancy: Occupancy, layers: usize) -> Occupancy {
-    for _ in 0..layers {
-        surface_voxels(&occupancy).into_iter().for_each(|voxel| occupancy.set(voxel as usize, false));
-    }
-    occupancy
 }
 
 #[cfg(test)]
