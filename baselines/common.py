@@ -7,6 +7,7 @@ import argparse
 import json
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import cv2
@@ -44,9 +45,7 @@ class Capture:
         gt = self.folder / "gt"
         if not (gt / "strands_000000.npz").is_file():
             stop(f"{gt}: no strands_000000.npz; this capture has no truth, so there is nothing to score against")
-        calibration = json.loads((self.folder / "calibration.json").read_text())
-        metres = 1000.0 if calibration.get("units", "metres") == "metres" else 1.0
-        self.cameras = [Camera(entry, metres) for entry in calibration["cameras"]]
+        self.cameras = cameras(self.folder)
         self.frames = sorted(int(file.stem.split("_")[1]) for file in gt.glob("strands_*.npz"))
         first = np.load(gt / "strands_000000.npz")
         self.offsets = first["offsets"].astype(int)
@@ -69,12 +68,43 @@ class Capture:
     def video(self, view, frames):
         """The luma images, by number, of some frames of a view."""
         camera, last = self.cameras[view], max(frames)
+        folder = self.folder / "images" / camera.name
+        if folder.is_dir():
+            return {frame: cv2.imread(str(folder / f"{frame:06}.png"), cv2.IMREAD_GRAYSCALE) for frame in frames}
         command = ["ffmpeg", "-nostdin", "-v", "error", "-i", str(self.folder / f"video/{camera.name}.mp4")]
         command += ["-frames:v", str(last + 1), "-sws_flags", "bicubic+accurate_rnd+full_chroma_int+bitexact"]
         command += ["-pix_fmt", "rgb24", "-f", "rawvideo", "pipe:1"]
         data = subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout
         images = np.frombuffer(data, np.uint8).reshape(-1, camera.height, camera.width, 3)
         return {frame: cv2.cvtColor(images[frame], cv2.COLOR_RGB2GRAY) for frame in frames}
+
+
+def cameras(folder):
+    """The cameras of `calibration.json`, or of a `calibration.toml` as `strandflow synth` writes it."""
+    file = folder / "calibration.json"
+    if file.is_file():
+        calibration = json.loads(file.read_text())
+        entries = calibration["cameras"]
+    else:
+        calibration = tomllib.loads((folder / "calibration.toml").read_text())
+        entries = [
+            {
+                "name": camera["name"],
+                "width": camera["width"],
+                "height": camera["height"],
+                "K": [
+                    [camera["focal"][0], 0, camera["principal"][0]],
+                    [0, camera["focal"][1], camera["principal"][1]],
+                    [0, 0, 1],
+                ],
+                "R": camera["rotation"],
+                "t": camera["translation"],
+                "distortion": camera.get("distortion", [0]),
+            }
+            for camera in calibration["cameras"]
+        ]
+    metres = 1000.0 if calibration.get("units", "metres") == "metres" else 1.0
+    return [Camera(entry, metres) for entry in entries]
 
 
 class Take:

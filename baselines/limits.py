@@ -1,4 +1,5 @@
-"""What the images allow: how well lines and silhouettes tell the depth of hair, and what a small error costs in occupancy.
+"""What the images allow: how well lines and silhouettes tell the depth of hair, what a small error costs in occupancy, and how
+far the directions of neighbouring pixels agree at all.
 
     python limits.py CAPTURE TAKE [--frames 15]
 
@@ -6,6 +7,7 @@ Nothing here is a method. Each figure takes something from the truth that no pro
 share of the images (and of the rig).
 """
 
+import cv2
 import numpy as np
 
 import common
@@ -80,6 +82,21 @@ def occupancy(capture, points, sigma, edge=3.0):
     return 2 * both / (len(true) + len(found))
 
 
+def directions(capture, take, frame, sigma):
+    """Error [degrees] of the true directions of pixels, averaged by a Gaussian of `sigma` px, over all and the most agreeing 60 %
+    of the pixels that the take counts as hair: the least that a filter can have whose window is as wide."""
+    errors, agreements = [], []
+    for v, camera in enumerate(capture.cameras):
+        seen = common.Seen(capture, camera, frame, capture.points(frame))
+        turned = np.exp(2j * seen.angle) * seen.hair
+        real, imaginary, count = (cv2.GaussianBlur(p, (0, 0), sigma) for p in (turned.real, turned.imag, seen.hair.astype(float)))
+        mean, hair = real + 1j * imaginary, seen.hair & take.hair(frame, v, camera)
+        errors.append(common.undirected(0.5 * np.angle(mean), seen.angle)[hair])
+        agreements.append((np.abs(mean) / np.maximum(count, 1e-9))[hair])
+    error = np.concatenate(errors)[np.argsort(-np.concatenate(agreements), kind="stable")]
+    return error.mean(), error[: -(-len(error) * 60 // 100)].mean()
+
+
 def main():
     given = common.arguments(__doc__).parse_args()
     capture, take = common.Capture(given.capture), common.Take(given.take)
@@ -100,6 +117,9 @@ def main():
             print(f"first place in {name}: {share} mm (10, 50, 90 %), deviation {deviation:.1f} mm")
         print(f"surest line of a ray: {np.median(np.abs(surest)):.1f} mm off in the median, deviation {surest.std():.1f} mm")
         scores = ", ".join(f"{occupancy(capture, points, s):.3f} ({s} mm)" for s in (1.0, 2.0, 3.0, 4.0))
+        for sigma in (0.5, 1.0, 2.0, 4.0):
+            every, best = directions(capture, take, frame, sigma)
+            print(f"true 2D directions averaged over {sigma} px: {every:.1f}° off, {best:.1f}° over the most agreeing 60 %")
         print(f"occupancy F1 of the true strands moved by a deviation in every direction: {scores}")
 
 
