@@ -149,8 +149,8 @@ pub static STAGES: [Stage; 13] = [
     },
     Stage {
         name: "lift",
-        summary: "3D lines seen by three or more views",
-        version: 1,
+        summary: "3D lines that views agree on",
+        version: 2,
         has_modes: true,
         settings: settings_of!(lift),
         phases: &[

@@ -156,15 +156,34 @@ fn grown_after(field: &SparseVoxels<FieldVoxel>, before: Option<Before>) -> (Str
 fn lines_follow_the_meridians_in_both_modes() {
     let scene = scene(0.1, None);
     // Robust mode looks 16 mm deep into a ball of 60 mm: there the rays of two views meet the surface where its meridians differ.
-    for (mode, most, least) in [(Mode::Paper, 6.0, 1500), (Mode::Robust, 8.0, 8000)] {
+    for (mode, most, least, views) in [(Mode::Paper, 6.0, 1500, 3), (Mode::Robust, 8.0, 8000, 2)] {
         let lines = scene.lines(mode);
         let (error, count) = mean_error_deg(
             &lines.grid,
             lines.indices.iter().copied().zip(lines.values.iter().map(|line| line.direction)),
         );
         assert!(error < most && count > least, "{mode:?}: {error:.1}°, {count} lines");
-        assert!(lines.values.iter().all(|line| line.views >= 3 && line.confidence > 0.0));
+        assert!(lines.values.iter().all(|line| line.views >= views && line.confidence > 0.0));
     }
+}
+
+#[test]
+fn two_views_give_lines_where_both_are_sure() {
+    let mut scene = scene(0.1, None);
+    // Of seven views the second and the fourth, 66° apart, are left.
+    let left = [1, 3];
+    scene.rig.cameras = left.map(|v| scene.rig.cameras[v].clone()).to_vec();
+    scene.hairs = left.map(|v| scene.hairs[v].clone()).to_vec();
+    scene.maps = left.map(|v| scene.maps[v].clone()).to_vec();
+    assert!(scene.lines(Mode::Paper).is_empty(), "the paper asks for three views");
+    let lines = scene.lines(Mode::Robust);
+    let (error, count) =
+        mean_error_deg(&lines.grid, lines.indices.iter().copied().zip(lines.values.iter().map(|line| line.direction)));
+    assert!(error < 15.0 && count > 1_000, "{error:.1}°, {count} lines");
+    let trusted = LiftSettings::default().pair_trust;
+    assert!(lines.values.iter().all(|line| line.views == 2 && line.confidence > 0.0 && line.confidence <= trusted));
+    scene.maps[1].confidence.data.iter_mut().for_each(|c| *c *= 0.5);
+    assert!(scene.lines(Mode::Robust).is_empty(), "one of the two is not sure");
 }
 
 #[test]
@@ -172,7 +191,9 @@ fn a_wrong_view_spoils_the_plain_average_but_not_the_robust_line() {
     let scene = scene(0.0, Some(3));
     let error = |mode| {
         let lines = scene.lines(mode);
-        mean_error_deg(&lines.grid, lines.indices.iter().copied().zip(lines.values.iter().map(|line| line.direction))).0
+        // Where two views see a place, neither can tell that the other is wrong.
+        let several = lines.indices.iter().zip(&lines.values).filter(|(_, line)| line.views > 2);
+        mean_error_deg(&lines.grid, several.map(|(&index, line)| (index, line.direction))).0
     };
     let (paper, robust) = (error(Mode::Paper), error(Mode::Robust));
     assert!(robust < 7.0, "{robust:.1}° against {paper:.1}°");
