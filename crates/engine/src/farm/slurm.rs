@@ -67,10 +67,14 @@ fn script(array: &Array, work: &Work, retries: usize) -> String {
     format!(
         r#"#!/bin/sh
 # {phases}: {per_task} parts a task. Written by strandflow.
+# The program ends what it has in work when it is told to end. This shell stays until then: Slurm takes its end for the task's.
+ended=
+trap 'ended=yes' TERM
 {command} --items "${{SLURM_ARRAY_TASK_ID}}x{per_task}"
 code=$?
+trap - TERM
 # 2: the take itself is at fault, and another try would end the same way.
-if [ "$code" -ne 0 ] && [ "$code" -ne 2 ] && [ "${{SLURM_RESTART_COUNT:-0}}" -lt {retries} ]; then
+if [ -z "$ended" ] && [ "$code" -ne 0 ] && [ "$code" -ne 2 ] && [ "${{SLURM_RESTART_COUNT:-0}}" -lt {retries} ]; then
     scontrol requeue "${{SLURM_ARRAY_JOB_ID}}_${{SLURM_ARRAY_TASK_ID}}" && sleep 300
 fi
 exit "$code"
@@ -248,6 +252,35 @@ mod tests {
         let words = r"'/opt/a b/strandflow' 'run' '/data/it'\''s $x' '--from' 'field/field' '--to' 'field/field' '--threads' '2'";
         let command = format!("{words} --items \"${{SLURM_ARRAY_TASK_ID}}x12\"");
         assert!(submission.script.lines().any(|line| line == command), "{}", submission.script);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_task_that_is_told_to_end_stays_until_its_program_has_ended() {
+        use std::os::unix::{fs::PermissionsExt, process::CommandExt};
+        let folder = tempfile::tempdir().unwrap();
+        let [program, started, done, task] =
+            ["program", "started", "done", "task.sh"].map(|name| folder.path().join(name));
+        // As ours: told to end, it first ends what it has in work.
+        let (shown, left) = (started.display(), done.display());
+        let slow = format!(
+            "#!/bin/sh\ntrap 'sleep 0.5; : > {left}; exit 1' TERM\n: > {shown}\nwhile :; do sleep 0.05; done\n"
+        );
+        std::fs::write(&program, slow).unwrap();
+        std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let work = Work { program: program.display().to_string(), ..work() };
+        std::fs::write(&task, script(&array(), &work, 2)).unwrap();
+        let mut shell = Command::new("sh").arg(&task).env("SLURM_ARRAY_TASK_ID", "0").process_group(0).spawn().unwrap();
+        let end = std::time::Instant::now() + std::time::Duration::from_secs(20);
+        while !started.exists() {
+            assert!(std::time::Instant::now() < end, "the program has not begun");
+            std::thread::sleep(std::time::Duration::from_millis(10));
+        }
+        let told = Command::new("kill").args(["-TERM", "--", &format!("-{}", shell.id())]).status().unwrap();
+        assert!(told.success());
+        // Not put back into the queue: `scontrol` would have been waited for, and its failure have become the code.
+        assert_eq!(shell.wait().unwrap().code(), Some(1));
+        assert!(done.exists(), "the shell was gone before its program");
     }
 
     #[test]
