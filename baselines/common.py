@@ -70,7 +70,7 @@ class Capture:
         camera, last = self.cameras[view], max(frames)
         folder = self.folder / "images" / camera.name
         if folder.is_dir():
-            return {frame: cv2.imread(str(folder / f"{frame:06}.png"), cv2.IMREAD_GRAYSCALE) for frame in frames}
+            return {frame: grey(folder / f"{frame:06}.png") for frame in frames}
         command = ["ffmpeg", "-nostdin", "-v", "error", "-i", str(self.folder / f"video/{camera.name}.mp4")]
         command += ["-frames:v", str(last + 1), "-sws_flags", "bicubic+accurate_rnd+full_chroma_int+bitexact"]
         command += ["-pix_fmt", "rgb24", "-f", "rawvideo", "pipe:1"]
@@ -81,30 +81,28 @@ class Capture:
 
 def cameras(folder):
     """The cameras of `calibration.json`, or of a `calibration.toml` as `strandflow synth` writes it."""
-    file = folder / "calibration.json"
-    if file.is_file():
-        calibration = json.loads(file.read_text())
+    if (folder / "calibration.json").is_file():
+        calibration = json.loads((folder / "calibration.json").read_text())
         entries = calibration["cameras"]
-    else:
+    elif (folder / "calibration.toml").is_file():
         calibration = tomllib.loads((folder / "calibration.toml").read_text())
-        entries = [
-            {
-                "name": camera["name"],
-                "width": camera["width"],
-                "height": camera["height"],
-                "K": [
-                    [camera["focal"][0], 0, camera["principal"][0]],
-                    [0, camera["focal"][1], camera["principal"][1]],
-                    [0, 0, 1],
-                ],
-                "R": camera["rotation"],
-                "t": camera["translation"],
-                "distortion": camera.get("distortion", [0]),
-            }
-            for camera in calibration["cameras"]
-        ]
+        entries = [as_json(entry) for entry in calibration["cameras"]]
+    else:
+        stop(f"{folder}: no calibration.json and no calibration.toml")
     metres = 1000.0 if calibration.get("units", "metres") == "metres" else 1.0
     return [Camera(entry, metres) for entry in entries]
+
+
+def as_json(entry):
+    """A camera of a `calibration.toml`, with the names of `calibration.json`."""
+    (fx, fy), (cx, cy) = entry["focal"], entry["principal"]
+    return entry | {"K": [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], "R": entry["rotation"], "t": entry["translation"]}
+
+
+def grey(file):
+    """The luma image of a file."""
+    image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+    return stop(f"{file}: no image that can be read") if image is None else image
 
 
 class Take:

@@ -82,19 +82,22 @@ def occupancy(capture, points, sigma, edge=3.0):
     return 2 * both / (len(true) + len(found))
 
 
-def directions(capture, take, frame, sigma):
-    """Error [degrees] of the true directions of pixels, averaged by a Gaussian of `sigma` px, over all and the most agreeing 60 %
-    of the pixels that the take counts as hair: the least that a filter can have whose window is as wide."""
-    errors, agreements = [], []
+def directions(capture, take, frame, points, sigmas):
+    """Per sigma [px]: error [degrees] of the true directions of pixels, averaged by a Gaussian, over all and the most agreeing 60 % of
+    the pixels that the take counts as hair: the least that a filter can have whose window is as wide."""
+    found = {sigma: [] for sigma in sigmas}
     for v, camera in enumerate(capture.cameras):
-        seen = common.Seen(capture, camera, frame, capture.points(frame))
-        turned = np.exp(2j * seen.angle) * seen.hair
-        real, imaginary, count = (cv2.GaussianBlur(p, (0, 0), sigma) for p in (turned.real, turned.imag, seen.hair.astype(float)))
-        mean, hair = real + 1j * imaginary, seen.hair & take.hair(frame, v, camera)
-        errors.append(common.undirected(0.5 * np.angle(mean), seen.angle)[hair])
-        agreements.append((np.abs(mean) / np.maximum(count, 1e-9))[hair])
-    error = np.concatenate(errors)[np.argsort(-np.concatenate(agreements), kind="stable")]
-    return error.mean(), error[: -(-len(error) * 60 // 100)].mean()
+        seen = common.Seen(capture, camera, frame, points)
+        hair = seen.hair & take.hair(frame, v, camera)
+        planes = np.cos(2 * seen.angle) * seen.hair, np.sin(2 * seen.angle) * seen.hair, seen.hair.astype(np.float32)
+        for sigma in sigmas:
+            cos, sin, count = (cv2.GaussianBlur(plane, (0, 0), sigma)[hair] for plane in planes)
+            error = common.undirected(0.5 * np.arctan2(sin, cos), seen.angle[hair])
+            found[sigma].append((error, np.hypot(cos, sin) / np.maximum(count, 1e-9)))
+    for sigma, views in found.items():
+        error, agreement = (np.concatenate(part) for part in zip(*views))
+        error = error[np.argsort(-agreement, kind="stable")]
+        yield sigma, error.mean(), error[: -(-len(error) * 60 // 100)].mean()
 
 
 def main():
@@ -116,10 +119,9 @@ def main():
             share, deviation = first(inside)
             print(f"first place in {name}: {share} mm (10, 50, 90 %), deviation {deviation:.1f} mm")
         print(f"surest line of a ray: {np.median(np.abs(surest)):.1f} mm off in the median, deviation {surest.std():.1f} mm")
-        scores = ", ".join(f"{occupancy(capture, points, s):.3f} ({s} mm)" for s in (1.0, 2.0, 3.0, 4.0))
-        for sigma in (0.5, 1.0, 2.0, 4.0):
-            every, best = directions(capture, take, frame, sigma)
+        for sigma, every, best in directions(capture, take, frame, points, (0.5, 1.0, 2.0, 4.0)):
             print(f"true 2D directions averaged over {sigma} px: {every:.1f}° off, {best:.1f}° over the most agreeing 60 %")
+        scores = ", ".join(f"{occupancy(capture, points, s):.3f} ({s} mm)" for s in (1.0, 2.0, 3.0, 4.0))
         print(f"occupancy F1 of the true strands moved by a deviation in every direction: {scores}")
 
 

@@ -118,7 +118,10 @@ fn one(name: &str, seconds: u32) -> Result<String, String> {
         text.lines().find_map(of).map_or("?".to_owned(), |count| count.trim().to_owned())
     };
     let [inputs, secs, mb] = ["number_of_executed_units", "slowest_unit_time_sec", "peak_rss_mb"].map(count);
-    Ok(format!("{inputs} inputs, the longest {secs} s (whole seconds), at most {mb} MB, nothing found"))
+    let spent = text.lines().last().map_or("?", str::trim);
+    Ok(format!(
+        "{inputs} inputs in {spent} (user, system), the longest {secs} s (whole seconds), at most {mb} MB, nothing found"
+    ))
 }
 
 /// Where the files lie that are read: in memory, where the system has such a place.
@@ -129,9 +132,9 @@ fn folder_of(name: &str) -> PathBuf {
 }
 
 /// Runs a program with what it says in a file, and removes its folder at the end, whatever ends it: a shell waits for it, which
-/// outlives an interrupt of the terminal and this program.
+/// outlives an interrupt of the terminal and this program. The last line said is the processor time of the program.
 fn supervised(program: &mut Command, folder: &Path, said: &Path) -> Result<(), String> {
-    const SHELL: &str = r#"trap : INT TERM HUP; "$@"; ended=$?; rm -rf "$STRANDFLOW_FUZZ_FOLDER"; exit $ended"#;
+    const SHELL: &str = r#"trap : INT TERM HUP; "$@"; ended=$?; times; rm -rf "$STRANDFLOW_FUZZ_FOLDER"; exit $ended"#;
     let file = fs::File::create(said).map_err(|error| format!("{}: {error}", said.display()))?;
     let second = file.try_clone().map_err(|error| format!("{}: {error}", said.display()))?;
     let mut shell = Command::new("sh");
