@@ -220,7 +220,7 @@ impl<'a> View<'a> {
     }
 }
 
-/// What a view says about a point: a plane, its weight, and how far the point lies behind the hull in this view \[mm\].
+/// What a view says about a point: a plane, and the weight it has.
 #[derive(Clone, Copy, Default)]
 struct Vote {
     view: usize,

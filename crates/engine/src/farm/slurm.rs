@@ -259,18 +259,26 @@ mod tests {
     fn a_task_that_is_told_to_end_stays_until_its_program_has_ended() {
         use std::os::unix::{fs::PermissionsExt, process::CommandExt};
         let folder = tempfile::tempdir().unwrap();
-        let [program, started, done, task] =
-            ["program", "started", "done", "task.sh"].map(|name| folder.path().join(name));
+        let within = |name: &str| folder.path().join(name);
+        let executable = |name: &str, script: String| {
+            std::fs::write(within(name), script).unwrap();
+            std::fs::set_permissions(within(name), std::fs::Permissions::from_mode(0o755)).unwrap();
+        };
+        let [program, started, done, requeued, task] =
+            ["program", "started", "done", "requeued", "task.sh"].map(within);
         // As ours: told to end, it first ends what it has in work.
-        let (shown, left) = (started.display(), done.display());
-        let slow = format!(
-            "#!/bin/sh\ntrap 'sleep 0.5; : > {left}; exit 1' TERM\n: > {shown}\nwhile :; do sleep 0.05; done\n"
-        );
-        std::fs::write(&program, slow).unwrap();
-        std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let ends = format!("trap 'sleep 0.5; : > {}; exit 1' TERM", done.display());
+        executable("program", format!("#!/bin/sh\n{ends}\n: > {}\nwhile :; do sleep 0.05; done\n", started.display()));
+        executable("scontrol", format!("#!/bin/sh\n: > {}\nexit 1\n", requeued.display()));
         let work = Work { program: program.display().to_string(), ..work() };
         std::fs::write(&task, script(&array(), &work, 2)).unwrap();
-        let mut shell = Command::new("sh").arg(&task).env("SLURM_ARRAY_TASK_ID", "0").process_group(0).spawn().unwrap();
+        let mut shell = Command::new("sh")
+            .arg(&task)
+            .env("SLURM_ARRAY_TASK_ID", "0")
+            .env("PATH", format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap()))
+            .process_group(0)
+            .spawn()
+            .unwrap();
         let end = std::time::Instant::now() + std::time::Duration::from_secs(20);
         while !started.exists() {
             assert!(std::time::Instant::now() < end, "the program has not begun");
@@ -278,9 +286,9 @@ mod tests {
         }
         let told = Command::new("kill").args(["-TERM", "--", &format!("-{}", shell.id())]).status().unwrap();
         assert!(told.success());
-        // Not put back into the queue: `scontrol` would have been waited for, and its failure have become the code.
         assert_eq!(shell.wait().unwrap().code(), Some(1));
         assert!(done.exists(), "the shell was gone before its program");
+        assert!(!requeued.exists(), "what was told to end is not put back into the queue");
     }
 
     #[test]
