@@ -129,7 +129,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "scalp",
         summary: "the scalp and its roots",
-        version: 2,
+        version: 3,
         has_modes: false,
         settings: settings_of!(scalp),
         phases: &[

@@ -1,5 +1,6 @@
 //! Fits the generic head to the evidence by damped least squares: inside the hull everywhere, under the markers by what a
-//! ball and its hair lift them, under the hull by hair that grows thicker downwards, against visible skin.
+//! ball and its hair lift them, under the hull by hair that grows thicker downwards and is thick on some heads and thin on
+//! others, against visible skin.
 //!
 //! Reference: Levenberg 1944; Marquardt 1963; robust weights after Geman & McClure 1985.
 
@@ -9,10 +10,11 @@ use nalgebra::{DMatrix, DVector};
 use super::evidence::Evidence;
 use super::template::{HeadPlacement, HeadShape};
 
-/// Parameters: centre (3), turn (3), log scale (3), marker lift (1).
-const PARAMETERS: usize = 10;
-/// Standard deviations of the priors. Sizes vary by 4 % between adults; the turn comes from the cameras' side only.
-const PRIOR: [f64; PARAMETERS] = [30.0, 30.0, 30.0, 0.14, 0.07, 0.26, 0.04, 0.04, 0.045, 2.5];
+/// Parameters: centre (3), turn (3), log scale (3), marker lift (1), hair thicker than usual (1).
+const PARAMETERS: usize = 11;
+/// Standard deviations of the priors. Sizes vary by 4 % between adults; the turn comes from the cameras' side only; hair, and
+/// what the hull adds to it, differ by more than the hair of one head differs from place to place.
+const PRIOR: [f64; PARAMETERS] = [30.0, 30.0, 30.0, 0.14, 0.07, 0.26, 0.04, 0.04, 0.045, 2.5, 3.0];
 /// How far a marker's centre lies above the scalp: half a 10 mm ball and the hair under it \[mm\].
 const LIFT_MM: f64 = 9.5;
 /// Scatter of single markers about the common lift \[mm\].
@@ -81,7 +83,10 @@ impl Problem<'_> {
         let weight = share(SURFACE_FACTS, self.evidence.surface.len());
         for point in &self.evidence.surface {
             let p = shape.proportions(*point);
-            out.push(weight * expected_hair(p).map_or(0.0, |(mm, sd)| robust((shape.distance(*point) - mm) / sd, 2.0)));
+            out.push(
+                weight
+                    * expected_hair(p).map_or(0.0, |(mm, sd)| robust((shape.distance(*point) - mm - x[10]) / sd, 2.0)),
+            );
         }
         let weight = share(BOUND_FACTS, self.bound.len());
         for direction in &self.bound {
@@ -161,15 +166,15 @@ fn robust(residual: f64, reach: f64) -> f64 {
     residual / (1.0 + (residual / reach).powi(2)).sqrt()
 }
 
-/// Hair (and slack of the hull) over the scalp at a point in template proportions: mean and standard deviation \[mm\];
-/// `None` where hair says nothing about the head: in front of the face, and below the ears.
+/// Hair (and slack of the hull) over the scalp at a point in template proportions: mean over heads, and standard deviation
+/// on one head \[mm\]; `None` where hair says nothing about the head: in front of the face, and below the ears.
 fn expected_hair(p: DVec3) -> Option<(f64, f64)> {
     let before_face = p.y > 0.35 && p.z < 0.6;
     if before_face || p.z < -0.3 {
         return None;
     }
     let high = p.z.clamp(0.0, 1.0);
-    Some((14.0 - 6.0 * high, 6.0 - 3.0 * high))
+    Some((10.0 - 4.5 * high, 3.0 - 1.0 * high))
 }
 
 /// Nearly even directions on the sphere (Fibonacci lattice), without those that point down to the neck.

@@ -16,17 +16,34 @@ const LIFT_SD_MM: f64 = 2.0;
 /// Least hair and slack between the scalp and the hull \[mm\].
 const LEAST_HAIR_MM: f64 = 2.0;
 
-/// The head's surface; faces about 3 mm wide.
-pub fn head_surface(head: &FittedHead, evidence: &Evidence, markers: &[DVec3]) -> TriMesh {
+/// Where the back of the head begins to be hidden, and from where on it is for certain: heights in template proportions.
+const HIDDEN: [f64; 2] = [-0.1, -0.6];
+
+/// The head's surface; faces about 3 mm wide. `nape_margin_mm`: how far inside the fitted head it lies at the nape.
+pub fn head_surface(head: &FittedHead, evidence: &Evidence, markers: &[DVec3], nape_margin_mm: f64) -> TriMesh {
     let centre = head.placement.centre;
     let correction = Correction::new(head, markers);
     let mut mesh = icosphere(DVec3::ZERO, 1.0, 5);
     for vertex in &mut mesh.vertices {
         let on_head = centre + *vertex * head.shape.reach(centre, *vertex);
         let moved = on_head + *vertex * correction.at(on_head);
-        *vertex = inside_hull(evidence, centre, moved);
+        let margin = nape_margin_mm * hidden_share(head.shape.proportions(on_head));
+        *vertex = inside_hull(evidence, centre, moved) - level(head, *vertex) * margin;
     }
     mesh
+}
+
+/// How much of what tells about the head is missing at a place: all of it at the nape, which hair hides in every view,
+/// nothing above the plane of greatest breadth and in front of the ears.
+fn hidden_share(p: DVec3) -> f64 {
+    let below = ((p.z - HIDDEN[0]) / (HIDDEN[1] - HIDDEN[0])).clamp(0.0, 1.0);
+    let behind = (-p.y / 0.3).clamp(0.0, 1.0);
+    below * behind
+}
+
+/// The part of a direction that is level in the head, of unit length.
+fn level(head: &FittedHead, direction: DVec3) -> DVec3 {
+    direction.reject_from_normalized(head.shape.direction(DVec3::Z).normalize_or(DVec3::Z)).normalize_or_zero()
 }
 
 /// The point moved towards the centre until it is `LEAST_HAIR_MM` inside the hull.
