@@ -106,13 +106,13 @@ def grey(file):
 
 
 class Take:
-    """Results of the program."""
+    """Results of the program; `mode` as Zarr has it, `r+` to change them."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, mode="r"):
         store = Path(folder) / "results.zarr"
         if not store.is_dir():
             stop(f"{store}: there is no such folder; make it with `strandflow run`")
-        self.store = zarr.open(store, mode="r")
+        self.store = zarr.open(store, mode=mode)
 
     def hair(self, frame, view, camera):
         """Pixels inside the hair mask."""

@@ -5,13 +5,13 @@
     strandflow run TAKE --from orient
 
 Rewrites the scalp of the take: surface and roots go along their ray from the middle of the head to the true head, as they
-would be if the fit were exact; which part of it bears hair stays as found. `run --verify` puts back what the program makes.
+would be if the fit were exact; which part of it bears hair stays as found. Says how far that moves the roots, at the nape and
+above it. Heights are along z. `run --verify` puts back what the program makes.
 """
 
 import argparse
 
 import numpy as np
-import zarr
 
 import common
 
@@ -69,8 +69,7 @@ def main():
     parser.add_argument("--part", choices=["all", "nape", "above"], default="all", help="what of it becomes true")
     arguments = parser.parse_args()
     capture = common.Capture(arguments.capture)
-    common.Take(arguments.take)
-    store = zarr.open(f"{arguments.take}/results.zarr", mode="r+")
+    store = common.Take(arguments.take, "r+").store
     if "scalp/vertices" not in store:
         common.stop(f"{arguments.take}: it has no scalp yet; run it with --to scalp")
     vertices, faces, roots = (store[f"scalp/{name}"][:] for name in ("vertices", "faces", "roots"))
@@ -87,8 +86,9 @@ def main():
     store["scalp/vertices"][:] = placed
     store["scalp/roots"][:] = middle + root_ways * (root_far + moved[near])[:, None]
     store["scalp/normals"][:] = normals(placed, faces)[near]
-    at_roots = moved[near]
-    print(f"roots moved by {at_roots.mean():.2f} mm on average, {np.abs(at_roots).mean():.2f} in size, outwards positive")
+    for place, at in (("at the nape", nape[near] > 0.5), ("above it", nape[near] <= 0.5)):
+        way = moved[near][at]
+        print(f"{at.sum()} roots {place}: moved outwards by {way.mean():.1f} mm, in size {np.abs(way).mean():.1f} mm")
 
 
 if __name__ == "__main__":

@@ -83,10 +83,8 @@ impl Problem<'_> {
         let weight = share(SURFACE_FACTS, self.evidence.surface.len());
         for point in &self.evidence.surface {
             let p = shape.proportions(*point);
-            out.push(
-                weight
-                    * expected_hair(p).map_or(0.0, |(mm, sd)| robust((shape.distance(*point) - mm - x[10]) / sd, 2.0)),
-            );
+            let hair = expected_hair(p).map(|(mm, sd)| robust((shape.distance(*point) - mm - x[10]) / sd, 2.0));
+            out.push(weight * hair.unwrap_or(0.0));
         }
         let weight = share(BOUND_FACTS, self.bound.len());
         for direction in &self.bound {

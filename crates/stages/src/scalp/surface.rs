@@ -16,8 +16,10 @@ const LIFT_SD_MM: f64 = 2.0;
 /// Least hair and slack between the scalp and the hull \[mm\].
 const LEAST_HAIR_MM: f64 = 2.0;
 
-/// Where the back of the head begins to be hidden, and from where on it is for certain: heights in template proportions.
-const HIDDEN: [f64; 2] = [-0.1, -0.6];
+/// Where the back of the head begins to be hidden, and from where on it is wholly, in template proportions: downwards from the
+/// plane of greatest breadth, and backwards from the middle.
+const HIDDEN_BELOW: [f64; 2] = [0.1, 0.6];
+const HIDDEN_BEHIND: [f64; 2] = [0.0, 0.3];
 
 /// The head's surface; faces about 3 mm wide. `nape_margin_mm`: how far inside the fitted head it lies at the nape.
 pub fn head_surface(head: &FittedHead, evidence: &Evidence, markers: &[DVec3], nape_margin_mm: f64) -> TriMesh {
@@ -36,14 +38,13 @@ pub fn head_surface(head: &FittedHead, evidence: &Evidence, markers: &[DVec3], n
 /// How much of what tells about the head is missing at a place: all of it at the nape, which hair hides in every view,
 /// nothing above the plane of greatest breadth and in front of the ears.
 fn hidden_share(p: DVec3) -> f64 {
-    let below = ((p.z - HIDDEN[0]) / (HIDDEN[1] - HIDDEN[0])).clamp(0.0, 1.0);
-    let behind = (-p.y / 0.3).clamp(0.0, 1.0);
-    below * behind
+    let ramp = |[from, to]: [f64; 2], at: f64| ((at - from) / (to - from)).clamp(0.0, 1.0);
+    ramp(HIDDEN_BELOW, -p.z) * ramp(HIDDEN_BEHIND, -p.y)
 }
 
 /// The part of a direction that is level in the head, of unit length.
 fn level(head: &FittedHead, direction: DVec3) -> DVec3 {
-    direction.reject_from_normalized(head.shape.direction(DVec3::Z).normalize_or(DVec3::Z)).normalize_or_zero()
+    direction.reject_from_normalized(head.shape.direction(DVec3::Z)).normalize_or_zero()
 }
 
 /// The point moved towards the centre until it is `LEAST_HAIR_MM` inside the hull.
@@ -87,4 +88,19 @@ impl Correction {
 
 fn covariance(a: DVec3, b: DVec3) -> f64 {
     TEMPLATE_SD_MM.powi(2) * (-0.5 * a.distance_squared(b) / (REACH_MM * REACH_MM)).exp()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_nape_is_hidden() {
+        let at = |y: f64, z: f64| hidden_share(DVec3::new(0.2, y, z));
+        for (y, z) in [(0.0, 1.0), (-1.0, 0.0), (-0.9, -0.1), (0.9, -0.7), (0.0, -1.2)] {
+            assert_eq!(at(y, z), 0.0, "{y} {z}");
+        }
+        assert_eq!([at(-0.8, -0.7), at(-0.7, -1.5)], [1.0, 1.0]);
+        assert!((at(-0.9, -0.35) - 0.5).abs() < 1e-12);
+    }
 }
