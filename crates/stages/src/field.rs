@@ -80,7 +80,7 @@ pub struct FieldSettings {
     /// How deep behind the hull a bare pixel opens the hair volume where no scalp is known \[mm\].
     pub bare_depth_mm: f64,
     /// How deep behind the hull hair can be where a view shows hair \[mm\], robust mode; before the head, at any depth. Where six
-    /// views or more show hair, two must show it there. What lies deeper is the body (measured: `docs/results.md`, "Shoulders").
+    /// views or more show hair, two must show it there. What lies deeper is the body (measured: `docs/steps.md`, "Shoulders").
     pub hair_depth_mm: f64,
 }
 

@@ -116,7 +116,7 @@ const RELIABLE: f32 = 0.5;
 /// one of the two mostly disagrees where there are more.
 ///
 /// *Deviation*: the paper asks for three views. Beside the face, and with few cameras everywhere, only two see the hair; what the
-/// field makes of places without a line is worse (F1 of seen strands from 0.57 to 0.66 with four views; `docs/results.md`, "Lines
+/// field makes of places without a line is worse (F1 of seen strands from 0.57 to 0.66 with four views; `docs/steps.md`, "Lines
 /// of two views").
 pub fn lift(
     input: &LiftInput,

@@ -3,7 +3,7 @@
 //! Noise, highlights and crossings of layers change from frame to frame, the direction of the hair hardly does: the mean of
 //! the doubled angles of five frames is surer than that of one. Reference for the mean: Granlund & Knutsson 1995.
 //!
-//! Deviation (robust mode): the paper reads every frame by itself. What it brings is in `docs/results.md`.
+//! Deviation (robust mode): the paper reads every frame by itself. What it brings is in `docs/steps.md`.
 
 use strandflow_core::{Mask, Plane, RgbImage};
 pub use strandflow_image::flow::Flow;

@@ -12,6 +12,9 @@ use super::template::{HeadPlacement, HeadShape};
 
 /// Parameters: centre (3), turn (3), log scale (3), marker lift (1), hair thicker than usual (1).
 const PARAMETERS: usize = 11;
+/// Which of them is the markers' lift above [`LIFT_MM`], and which the hair above what is expected \[mm\].
+const LIFT: usize = 9;
+const HAIR: usize = 10;
 /// Standard deviations of the priors. Sizes vary by 4 % between adults; the turn comes from the cameras' side only; hair, and
 /// what the hull adds to it, differ by more than the hair of one head differs from place to place.
 const PRIOR: [f64; PARAMETERS] = [30.0, 30.0, 30.0, 0.14, 0.07, 0.26, 0.04, 0.04, 0.045, 2.5, 3.0];
@@ -50,7 +53,7 @@ pub fn fit_head(evidence: &Evidence, markers: &[DVec3]) -> FittedHead {
     let [first, rest @ ..] = starts;
     let (x, _) = rest.into_iter().fold(first, |best, next| if next.1 < best.1 { next } else { best });
     let placement = problem.placement(&x);
-    FittedHead { shape: placement.shape(), placement, lift_mm: LIFT_MM + x[9] }
+    FittedHead { shape: placement.shape(), placement, lift_mm: LIFT_MM + x[LIFT] }
 }
 
 struct Problem<'a> {
@@ -77,13 +80,13 @@ impl Problem<'_> {
         let shape = placement.shape();
         let mut out: Vec<f64> = (0..PARAMETERS).map(|k| x[k] / PRIOR[k]).collect();
         for marker in self.markers {
-            out.push(robust((shape.distance(*marker) - LIFT_MM - x[9]) / LIFT_SCATTER_MM, 3.0));
+            out.push(robust((shape.distance(*marker) - LIFT_MM - x[LIFT]) / LIFT_SCATTER_MM, 3.0));
         }
         let share = |facts: f64, count: usize| (facts / count.max(1) as f64).sqrt();
         let weight = share(SURFACE_FACTS, self.evidence.surface.len());
         for point in &self.evidence.surface {
             let p = shape.proportions(*point);
-            let hair = expected_hair(p).map(|(mm, sd)| robust((shape.distance(*point) - mm - x[10]) / sd, 2.0));
+            let hair = expected_hair(p).map(|(mm, sd)| robust((shape.distance(*point) - mm - x[HAIR]) / sd, 2.0));
             out.push(weight * hair.unwrap_or(0.0));
         }
         let weight = share(BOUND_FACTS, self.bound.len());
