@@ -3,6 +3,7 @@
 //! `strandflow-image`'s. Throughput counts floating-point operations (`flops`, what a formula needs, written out at each) on all
 //! threads; all of these stages gather: what they wait for is said by operations a second far below the machine's.
 #![allow(missing_docs)]
+#![expect(clippy::print_stdout, reason = "the sizes that the times belong to")]
 
 use std::f64::consts::{PI, TAU};
 use std::hint::black_box;
