@@ -6,9 +6,9 @@ mod cameras;
 use cameras::camera;
 use glam::{DVec3, Vec3};
 use strandflow_core::{
-    Camera, Grid, Mask, Occupancy, Place, Plane, Report, RgbImage, Rig, RigidTransform, SparseVoxels, TriMesh,
+    Camera, Grid, Mask, Occupancy, Place, Plane, Report, RgbImage, Rig, RigidTransform, SparseVoxels,
 };
-use strandflow_geometry::project::ray;
+use strandflow_geometry::{primitives::icosphere, project::ray};
 use strandflow_image::filter::gaussian;
 use strandflow_stages::{
     Mode, StageError,
@@ -200,22 +200,6 @@ fn hull_of(rig: &Rig, subjects: &[Mask], grid: &Grid) -> (Result<Occupancy, Stag
     (hull(rig, &refs, grid, 12, &HullSettings::default(), &mut report), report)
 }
 
-/// A closed ball.
-fn ball(radius: f64) -> TriMesh {
-    let (rings, spokes) = (12u32, 24u32);
-    let point = |i: u32, k: u32| {
-        let (polar, azimuth) = (f64::from(i) / f64::from(rings), f64::from(k) / f64::from(spokes));
-        let (s, c) = (polar * std::f64::consts::PI).sin_cos();
-        let (y, x) = (azimuth * std::f64::consts::TAU).sin_cos();
-        DVec3::new(s * x, s * y, c) * radius
-    };
-    let vertices = (0..=rings).flat_map(|i| (0..spokes).map(move |k| point(i, k))).collect();
-    let at = |i: u32, k: u32| i * spokes + k % spokes;
-    let quad =
-        |i: u32, k: u32| [[at(i, k), at(i + 1, k), at(i + 1, k + 1)], [at(i, k), at(i + 1, k + 1), at(i, k + 1)]];
-    TriMesh { vertices, faces: (0..rings).flat_map(|i| (0..spokes).flat_map(move |k| quad(i, k))).collect() }
-}
-
 type Field = Result<SparseVoxels<FieldVoxel>, StageError>;
 
 fn field_of(rig: &Rig, hull: &Occupancy, hairs: &[Mask], head: f64) -> (Field, Report) {
@@ -229,7 +213,7 @@ fn field_of(rig: &Rig, hull: &Occupancy, hairs: &[Mask], head: f64) -> (Field, R
         hull,
         lines: &SparseVoxels { grid: hull.grid, indices: vec![seen], values: vec![line] },
         hairs: &hairs.iter().collect::<Vec<_>>(),
-        head: &head_distance(&ball(head), hull.grid.voxel_mm),
+        head: &head_distance(&icosphere(DVec3::ZERO, head, 4), hull.grid.voxel_mm),
         world_from_head: RigidTransform::IDENTITY,
     };
     (field(&input, Mode::Robust, &FieldSettings::default(), &mut report), report)

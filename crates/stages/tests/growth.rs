@@ -1,23 +1,22 @@
 //! Lines, field, strands and outlier tests on a hair of known directions: a ball covered with meridians.
 #![expect(clippy::unwrap_used, reason = "helpers of tests: a failing unwrap is a failing test")]
 
+mod ball;
 mod cameras;
 
+use ball::{Scene, hit, meridian};
 use cameras::camera;
-use glam::{DMat3, DVec2, DVec3, Vec3};
-use strandflow_core::{
-    Camera, Grid, Mask, Occupancy, Plane, Provenance, Report, Rig, RigidTransform, SparseVoxels, Strands, TriMesh,
-};
-use strandflow_geometry::project::{project, project_direction, ray};
+use glam::{DMat3, DVec3, Vec3};
+use strandflow_core::{Camera, Grid, Plane, Provenance, Report, Rig, RigidTransform, SparseVoxels, Strands};
+use strandflow_geometry::{primitives::icosphere, project::project};
 use strandflow_stages::{
     Mode,
     field::{
-        FieldInput, FieldSettings, FieldVoxel, field, head_distance,
+        FieldSettings, FieldVoxel, head_distance,
         motion::{MotionInput, motion},
     },
-    grow::{Before, GrowInput, GrowSettings, grow},
-    lift::{LiftInput, LiftSettings, Line, lift},
-    orient::OrientationMap,
+    grow::{Before, GrowSettings},
+    lift::LiftSettings,
     prune::{PruneInput, PruneSettings, prune},
 };
 
@@ -30,90 +29,18 @@ fn rig() -> Rig {
     Rig { cameras: (0..7).map(camera).collect() }
 }
 
-/// The direction of the hair at a point: down along the meridian.
-fn meridian(point: DVec3) -> DVec3 {
-    let out = point.normalize();
-    (DVec3::NEG_Z + out * out.z).normalize_or(DVec3::X)
-}
-
-struct Scene {
-    rig: Rig,
-    hull: Occupancy,
-    maps: Vec<OrientationMap>,
-    hairs: Vec<Mask>,
-}
-
 /// What the cameras see of the ball; `noise` is the amplitude of a smooth error of the orientations \[rad\].
 fn scene(noise: f64, wrong_view: Option<usize>) -> Scene {
-    let rig = rig();
     let grid = Grid { origin: DVec3::splat(-70.0), voxel_mm: 2.0, dims: [70; 3] };
-    let mut hull = Occupancy::empty(grid);
-    for index in 0..grid.len() {
-        hull.set(index, grid.centre_of_index(index).length() <= HAIR + 1.0);
-    }
-    let hit = |camera: &Camera, x: usize, y: usize| {
-        let ray = ray(camera, DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
-        let b = ray.origin.dot(ray.direction);
-        let inner = b * b - ray.origin.length_squared() + HAIR * HAIR;
-        (inner > 0.0).then(|| ray.origin + ray.direction * (-b - inner.sqrt()))
-    };
-    let mut maps = Vec::new();
-    let mut hairs = Vec::new();
-    for (v, camera) in rig.cameras.iter().enumerate() {
-        let angle = Plane::from_fn(camera.width, camera.height, |x, y| {
-            let Some(point) = hit(camera, x, y) else { return 0.0 };
-            let d = project_direction(camera, point, meridian(point)).unwrap_or(DVec2::X);
-            let error = noise * (x as f64 * 0.11 + v as f64).sin() * (y as f64 * 0.13 + 2.0 * v as f64).cos();
-            let off = if wrong_view == Some(v) { 1.0 } else { 0.0 };
-            (d.to_angle() + error + off).rem_euclid(std::f64::consts::PI) as f32
-        });
-        let seen = |x: usize, y: usize| hit(camera, x, y).is_some();
-        let confidence = Plane::from_fn(camera.width, camera.height, |x, y| if seen(x, y) { 0.8 } else { 0.0 });
-        hairs.push(Plane::from_fn(camera.width, camera.height, |x, y| if seen(x, y) { 255 } else { 0 }));
-        maps.push(OrientationMap { angle, confidence });
-    }
-    Scene { rig, hull, maps, hairs }
+    Scene::new(rig(), grid, HAIR, |v, x, y| {
+        let error = noise * (x as f64 * 0.11 + v as f64).sin() * (y as f64 * 0.13 + 2.0 * v as f64).cos();
+        error + if wrong_view == Some(v) { 1.0 } else { 0.0 }
+    })
 }
 
-impl Scene {
-    fn lines(&self, mode: Mode) -> SparseVoxels<Line> {
-        let (maps, hairs) = (self.maps.iter().collect::<Vec<_>>(), self.hairs.iter().collect::<Vec<_>>());
-        let input = LiftInput { rig: &self.rig, frame: 0, hull: &self.hull, maps: &maps, hairs: &hairs };
-        lift(&input, mode, &LiftSettings::default(), &mut Report::default()).unwrap()
-    }
-
-    fn field(&self, lines: &SparseVoxels<Line>, mode: Mode) -> SparseVoxels<FieldVoxel> {
-        let hairs = self.hairs.iter().collect::<Vec<_>>();
-        let input = FieldInput {
-            rig: &self.rig,
-            frame: 0,
-            hull: &self.hull,
-            lines,
-            hairs: &hairs,
-            head: &head_distance(&ball(HEAD), self.hull.grid.voxel_mm),
-            world_from_head: RigidTransform::IDENTITY,
-        };
-        field(&input, mode, &FieldSettings::default(), &mut Report::default()).unwrap()
-    }
-}
-
-/// A latitude–longitude ball.
-fn ball(radius: f64) -> TriMesh {
-    let (rows, columns) = (24u32, 48u32);
-    let mut mesh = TriMesh::default();
-    for i in 0..=rows {
-        for j in 0..columns {
-            let (sin, cos) = (std::f64::consts::PI * f64::from(i) / f64::from(rows)).sin_cos();
-            let (y, x) = (std::f64::consts::TAU * f64::from(j) / f64::from(columns)).sin_cos();
-            mesh.vertices.push(DVec3::new(sin * x, sin * y, cos) * radius);
-        }
-    }
-    for (i, j) in (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))) {
-        let at = |i: u32, j: u32| i * columns + j % columns;
-        mesh.faces.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
-        mesh.faces.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
-    }
-    mesh
+fn field_of(scene: &Scene) -> SparseVoxels<FieldVoxel> {
+    let head = head_distance(&icosphere(DVec3::ZERO, HEAD, 4), scene.hull.grid.voxel_mm);
+    scene.field(&scene.lines(Mode::Robust), &head, Mode::Robust)
 }
 
 fn mean_error_deg(grid: &Grid, found: impl Iterator<Item = (u32, Vec3)>) -> (f64, usize) {
@@ -139,17 +66,7 @@ fn grown_after(field: &SparseVoxels<FieldVoxel>, before: Option<Before>) -> (Str
             DVec3::new(azimuth.cos() * (1.0 - z * z).sqrt(), azimuth.sin() * (1.0 - z * z).sqrt(), z)
         })
         .collect();
-    let roots: Vec<DVec3> = normals.iter().map(|n| *n * HEAD).collect();
-    let input = GrowInput {
-        frame: 0,
-        field,
-        roots: &roots,
-        normals: &normals,
-        world_from_head: RigidTransform::IDENTITY,
-        gravity: DVec3::new(0.0, 0.0, -9810.0),
-        before,
-    };
-    (grow(&input, Mode::Robust, &GrowSettings::default(), &mut Report::default()).unwrap(), roots)
+    ball::grown(field, HEAD, &normals, before)
 }
 
 #[test]
@@ -200,8 +117,7 @@ fn a_wrong_view_spoils_the_plain_average_but_not_the_robust_line() {
 #[test]
 fn the_field_fills_the_shell_and_trusts_what_was_seen() {
     let scene = scene(0.1, None);
-    let lines = scene.lines(Mode::Robust);
-    let field = scene.field(&lines, Mode::Robust);
+    let field = field_of(&scene);
     let grid = field.grid;
     let seen_side = |&(index, _): &(u32, Vec3)| grid.centre_of_index(index as usize).y > 10.0;
     let all = || field.indices.iter().copied().zip(field.values.iter().map(|voxel| voxel.direction));
@@ -222,7 +138,7 @@ fn the_field_fills_the_shell_and_trusts_what_was_seen() {
 #[test]
 fn strands_run_down_the_meridians_and_outliers_are_found() {
     let scene = scene(0.05, None);
-    let field = scene.field(&scene.lines(Mode::Robust), Mode::Robust);
+    let field = field_of(&scene);
     let (mut strands, roots) = grown(&field);
     assert_eq!(strands.strand_count(), roots.len());
     let mut good = 0;
@@ -270,13 +186,7 @@ fn strands_run_down_the_meridians_and_outliers_are_found() {
 fn striped(rig: &Rig, turn: f64, own: Option<u32>) -> Vec<Plane<[u8; 3]>> {
     let of = |camera: &Camera| {
         Plane::from_fn(camera.width, camera.height, |x, y| {
-            let ray = ray(camera, DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
-            let b = ray.origin.dot(ray.direction);
-            let inner = b * b - ray.origin.length_squared() + HAIR * HAIR;
-            if inner <= 0.0 {
-                return [90; 3];
-            }
-            let point = ray.origin + ray.direction * (-b - inner.sqrt());
+            let Some(point) = hit(camera, HAIR, x, y) else { return [90; 3] };
             let azimuth = point.y.atan2(point.x) - turn;
             let stripes =
                 45.0 * (17.0 * azimuth).sin() + 35.0 * (11.0 * azimuth + 1.0).sin() + 25.0 * (5.0 * azimuth).cos();
@@ -301,7 +211,7 @@ fn chance(of: [i64; 3]) -> f64 {
 /// not explained, and the share that is found (a regression on the truth), on the side that three views see.
 fn motion_across(own: [Option<u32>; 2]) -> (f64, f64) {
     let scene = scene(0.0, None);
-    let field = scene.field(&scene.lines(Mode::Robust), Mode::Robust);
+    let field = field_of(&scene);
     let turn = 2.0 / HAIR;
     let (now, before) = (striped(&scene.rig, turn, own[0]), striped(&scene.rig, 0.0, own[1]));
     let (maps, hairs) = (scene.maps.iter().collect::<Vec<_>>(), scene.hairs.iter().collect::<Vec<_>>());
@@ -352,11 +262,7 @@ fn motion_is_not_made_small_by_texture_that_one_frame_has_alone() {
 
 #[test]
 fn a_strand_follows_the_one_of_the_frame_before() {
-    let field_of = |noise: f64| {
-        let scene = scene(noise, None);
-        scene.field(&scene.lines(Mode::Robust), Mode::Robust)
-    };
-    let (clear, noisy) = (field_of(0.0), field_of(0.3));
+    let (clear, noisy) = (field_of(&scene(0.0, None)), field_of(&scene(0.3, None)));
     let (first, _) = grown(&clear);
     let still =
         SparseVoxels { grid: noisy.grid, indices: noisy.indices.clone(), values: vec![Vec3::ZERO; noisy.len()] };
@@ -375,7 +281,7 @@ fn a_strand_follows_the_one_of_the_frame_before() {
 fn following_for_long_does_not_draw_strands_inwards() {
     // Hair on a ball bends all the way down: what cuts its corners sinks, a little more in every frame.
     let scene = scene(0.0, None);
-    let field = scene.field(&scene.lines(Mode::Robust), Mode::Robust);
+    let field = field_of(&scene);
     let still =
         SparseVoxels { grid: field.grid, indices: field.indices.clone(), values: vec![Vec3::ZERO; field.len()] };
     let (first, _) = grown(&field);
@@ -401,7 +307,7 @@ fn the_result_does_not_depend_on_the_number_of_threads() {
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let field = scene.field(&scene.lines(Mode::Robust), Mode::Robust);
+            let field = field_of(&scene);
             grown(&field).0
         })
     };
