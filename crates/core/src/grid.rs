@@ -40,7 +40,10 @@ impl Grid {
     #[inline]
     pub fn coordinates(&self, index: usize) -> [usize; 3] {
         let (nx, ny) = (self.dims[0], self.dims[1]);
-        [index % nx, index / nx % ny, index / (nx * ny)]
+        // Divisions are dear: two, and products for the remainders.
+        let row = index / nx;
+        let z = row / ny;
+        [index - row * nx, row - z * ny, z]
     }
 
     /// Centre of a voxel in world coordinates \[mm\].
@@ -64,11 +67,19 @@ impl Grid {
     /// The voxel that contains a world point, if any.
     #[inline]
     pub fn voxel_at(&self, point: DVec3) -> Option<[usize; 3]> {
-        let c = self.continuous(point).floor();
+        let c = self.continuous(point);
         let [nx, ny, nz] = self.dims.map(|n| n as f64);
         let inside = c.x >= 0.0 && c.y >= 0.0 && c.z >= 0.0 && c.x < nx && c.y < ny && c.z < nz;
         inside.then_some([c.x as usize, c.y as usize, c.z as usize])
     }
+}
+
+/// The greatest integer that is not above a number; the nearest there is for one beyond all integers, and 0 for none.
+/// Without the call to the system's library that `f64::floor` is on plain x86-64.
+#[inline]
+pub fn floor(number: f64) -> i64 {
+    let towards_zero = number as i64;
+    towards_zero.saturating_sub(i64::from(towards_zero as f64 > number))
 }
 
 /// Dense occupancy of a grid, one bit a voxel.
@@ -90,6 +101,15 @@ impl Occupancy {
     #[inline]
     pub fn get(&self, index: usize) -> bool {
         self.words[index / 64] >> (index % 64) & 1 == 1
+    }
+
+    /// The bits of 64 voxels from a linear index on, the first in the lowest bit; nothing is occupied before the first voxel
+    /// and beyond the last.
+    #[inline]
+    pub fn bits_from(&self, index: isize) -> u64 {
+        let (word, bit) = (index.div_euclid(64), index.rem_euclid(64));
+        let at = |word: isize| usize::try_from(word).ok().and_then(|word| self.words.get(word)).copied().unwrap_or(0);
+        if bit == 0 { at(word) } else { at(word) >> bit | at(word + 1) << (64 - bit) }
     }
 
     /// Sets one voxel.

@@ -27,7 +27,8 @@ impl<T: Clone> Plane<T> {
 impl<T> Plane<T> {
     /// A plane from a function of (column, row).
     pub fn from_fn(width: usize, height: usize, mut f: impl FnMut(usize, usize) -> T) -> Self {
-        let data = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| f(x, y)).collect();
+        let mut data = Vec::with_capacity(width * height);
+        (0..height).for_each(|y| data.extend((0..width).map(|x| f(x, y))));
         Self { width, height, data }
     }
 

@@ -17,12 +17,21 @@ pub struct Ray {
 }
 
 /// The image point \[px\] of a world point \[mm\]; `None` behind the camera (depth below 1 µm).
+#[inline]
 pub fn project(camera: &Camera, point: DVec3) -> Option<DVec2> {
+    project_with_depth(camera, point).map(|(pixel, _)| pixel)
+}
+
+/// The image point \[px\] of a world point \[mm\] and its [`depth`]; `None` behind the camera.
+#[inline]
+pub fn project_with_depth(camera: &Camera, point: DVec3) -> Option<(DVec2, f64)> {
     let p = camera.camera_from_world.point(point);
-    (p.z > 1e-3).then(|| pixel_from_normalised(camera, distort(&camera.distortion, DVec2::new(p.x / p.z, p.y / p.z))))
+    (p.z > 1e-3)
+        .then(|| (pixel_from_normalised(camera, distort(&camera.distortion, DVec2::new(p.x / p.z, p.y / p.z))), p.z))
 }
 
 /// Distance along the optical axis \[mm\].
+#[inline]
 pub fn depth(camera: &Camera, point: DVec3) -> f64 {
     camera.camera_from_world.rotation.row(2).dot(point) + camera.camera_from_world.translation.z
 }

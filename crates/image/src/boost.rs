@@ -75,15 +75,20 @@ impl Boosted {
     /// Log odds of the first class, one value a sample.
     pub fn log_odds(&self, features: &[Vec<f32>]) -> Vec<f32> {
         let bins: Vec<Vec<u8>> = features.iter().zip(&self.cuts).map(|(f, c)| binned(f, c)).collect();
-        let n = features.first().map_or(0, Vec::len);
-        let mut odds = vec![self.base; n];
-        let mut at = vec![0u8; n];
-        for tree in &self.trees {
-            at.fill(0);
-            for (k, &(feature, cut)) in tree.questions.iter().enumerate() {
-                at.iter_mut().zip(&bins[feature]).for_each(|(a, &b)| *a |= u8::from(b > cut) << k);
+        let mut odds = vec![self.base; features.first().map_or(0, Vec::len)];
+        // So many samples stay in the nearest cache over all trees.
+        const BLOCK: usize = 1024;
+        for (block, odds) in odds.chunks_mut(BLOCK).enumerate() {
+            let (start, count) = (block * BLOCK, odds.len());
+            let mut at = [0u8; BLOCK];
+            for tree in &self.trees {
+                at.fill(0);
+                for (k, &(feature, cut)) in tree.questions.iter().enumerate() {
+                    let column = &bins[feature][start..start + count];
+                    at.iter_mut().zip(column).for_each(|(a, &b)| *a |= u8::from(b > cut) << k);
+                }
+                odds.iter_mut().zip(&at).for_each(|(o, &a)| *o += tree.leaves[a as usize]);
             }
-            odds.iter_mut().zip(&at).for_each(|(o, &a)| *o += tree.leaves[a as usize]);
         }
         odds
     }
@@ -97,8 +102,8 @@ impl Tree {
         let ridge = 0.25 * options.ridge;
         for level in 0..options.depth.min(7) {
             let mut best = (f32::MIN, (0, 0));
-            for (feature, column) in bins.iter().enumerate() {
-                let (gain, cut) = best_cut(column, &at, slopes, 1 << level, ridge);
+            for (feature, sums) in histograms(bins, &at, slopes, 1 << level).iter().enumerate() {
+                let (gain, cut) = best_cut(sums, ridge);
                 if gain > best.0 {
                     best = (gain, (feature, cut));
                 }
@@ -117,15 +122,38 @@ impl Tree {
     }
 }
 
-/// The cut of a feature that explains most over all leaves so far, and how much.
-fn best_cut(column: &[u8], at: &[u8], slopes: &[[f32; 2]], leaves: usize, ridge: f32) -> (f32, u8) {
-    const BINS: usize = CUTS + 1;
-    let mut sums = vec![[0.0f32; 2]; leaves * BINS];
-    for ((&bin, &leaf), [g, h]) in column.iter().zip(at).zip(slopes) {
-        let sum = &mut sums[leaf as usize * BINS + bin as usize];
-        sum[0] += g;
-        sum[1] += h;
+/// Values of a feature that are told apart.
+const BINS: usize = CUTS + 1;
+
+/// Sums of gradient and curvature.
+type Sums = [f32; 2];
+
+/// The sums over the samples of each bin of each leaf, one row of `leaves` × [`BINS`] a feature.
+fn histograms(bins: &[Vec<u8>], at: &[u8], slopes: &[Sums], leaves: usize) -> Vec<Vec<Sums>> {
+    // Samples beside each other often fall into one bin, and each sum waits for the one before: several at once.
+    const TOGETHER: usize = 4;
+    let mut all = vec![vec![[0.0f32; 2]; leaves * BINS]; bins.len()];
+    for (columns, sums) in bins.chunks(TOGETHER).zip(all.chunks_mut(TOGETHER)) {
+        match (columns, sums) {
+            ([a, b, c, d], [p, q, r, s]) => fill([a, b, c, d], at, slopes, [p, q, r, s]),
+            (columns, sums) => columns.iter().zip(sums).for_each(|(column, sums)| fill([column], at, slopes, [sums])),
+        }
     }
+    all
+}
+
+/// The histograms of `N` features in one pass over the samples.
+fn fill<const N: usize>(columns: [&[u8]; N], at: &[u8], slopes: &[Sums], mut all: [&mut [Sums]; N]) {
+    for (i, (&leaf, [g, h])) in at.iter().zip(slopes).enumerate() {
+        for (column, sums) in columns.iter().zip(&mut all) {
+            let sum = &mut sums[leaf as usize * BINS + column[i] as usize];
+            *sum = [sum[0] + g, sum[1] + h];
+        }
+    }
+}
+
+/// The cut of a feature that explains most over all leaves so far, and how much.
+fn best_cut(sums: &[Sums], ridge: f32) -> (f32, u8) {
     let mut gains = [0.0f32; BINS];
     for leaf in sums.chunks(BINS) {
         let total = leaf.iter().fold([0.0f32; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
@@ -155,7 +183,17 @@ fn quantiles(values: &[f32]) -> Vec<f32> {
 }
 
 fn binned(values: &[f32], cuts: &[f32]) -> Vec<u8> {
-    values.iter().map(|v| cuts.partition_point(|c| c < v) as u8).collect()
+    // The number of cuts below each value, bit by bit and without branches: the samples have no order to predict.
+    const STEPS: u32 = (CUTS + 1).next_power_of_two().ilog2();
+    let mut ladder = [f32::INFINITY; 1 << STEPS];
+    ladder[..cuts.len()].copy_from_slice(cuts);
+    let bin = |value: &f32| {
+        let below = (0..STEPS).rev().fold(0usize, |below, k| {
+            below + (usize::from(ladder[(below + (1 << k) - 1) % ladder.len()] < *value) << k)
+        });
+        below as u8
+    };
+    values.iter().map(bin).collect()
 }
 
 #[cfg(test)]

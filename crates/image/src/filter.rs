@@ -17,12 +17,9 @@ pub fn along_rows(plane: &Plane<f32>, half: &[f32], odd: bool) -> Plane<f32> {
     let mut out = Plane::filled(w, plane.height, 0.0f32);
     let mut padded = vec![0.0f32; w + 2 * r];
     for y in 0..plane.height {
-        let row = plane.row(y);
-        padded[..r].fill(row[0]);
-        padded[r..r + w].copy_from_slice(row);
-        padded[r + w..].fill(row[w - 1]);
+        fill_padded(plane.row(y), r, &mut padded);
         let pair = |i: usize| (&padded[r - i..r - i + w], &padded[r + i..r + i + w]);
-        correlate(half, odd, &mut out.data[y * w..(y + 1) * w], pair);
+        on_widest(One { half, odd }, [&mut out.data[y * w..(y + 1) * w]], pair);
     }
     out
 }
@@ -30,56 +27,165 @@ pub fn along_rows(plane: &Plane<f32>, half: &[f32], odd: bool) -> Plane<f32> {
 /// Correlation along columns; see [`along_rows`].
 pub fn along_columns(plane: &Plane<f32>, half: &[f32], odd: bool) -> Plane<f32> {
     let mut out = Plane::filled(plane.width, plane.height, 0.0f32);
-    for y in 0..plane.height {
-        let target = &mut out.data[y * plane.width..(y + 1) * plane.width];
-        column_row(plane, half, odd, y, target);
+    for (y, target) in out.data.chunks_exact_mut(plane.width.max(1)).enumerate() {
+        let pair = |i: usize| (plane.row(y.saturating_sub(i)), plane.row((y + i).min(plane.height - 1)));
+        on_widest(One { half, odd }, [target], pair);
     }
     out
 }
 
-/// One output row of [`along_columns`].
-pub fn column_row(plane: &Plane<f32>, half: &[f32], odd: bool, y: usize, target: &mut [f32]) {
-    correlate(half, odd, target, |i| (plane.row(y.saturating_sub(i)), plane.row((y + i).min(plane.height - 1))));
+/// Correlation along rows by an even and an odd filter of one length at once; see [`along_rows`].
+pub fn even_and_odd_along_rows(plane: &Plane<f32>, even: &[f32], odd: &[f32]) -> [Plane<f32>; 2] {
+    let (w, r) = (plane.width, even.len() - 1);
+    let mut out = [(); 2].map(|()| Plane::filled(w, plane.height, 0.0f32));
+    let mut padded = vec![0.0f32; w + 2 * r];
+    for y in 0..plane.height {
+        fill_padded(plane.row(y), r, &mut padded);
+        let pair = |i: usize| (&padded[r - i..r - i + w], &padded[r + i..r + i + w]);
+        let targets = out.each_mut().map(|plane| &mut plane.data[y * w..(y + 1) * w]);
+        on_widest(Both { even, odd }, targets, pair);
+    }
+    out
 }
 
-/// Σ kᵢ (bᵢ ± aᵢ) into `target`, (aᵢ, bᵢ) the pixels i before and behind each. On the widest registers there are; the same
-/// operations in the same order on all, so that no machine gives other bits.
+/// One output row of the correlations along columns by an even and an odd filter of one length.
+pub fn even_and_odd_column_row(plane: &Plane<f32>, even: &[f32], odd: &[f32], y: usize, targets: [&mut [f32]; 2]) {
+    let pair = |i: usize| (plane.row(y.saturating_sub(i)), plane.row((y + i).min(plane.height - 1)));
+    on_widest(Both { even, odd }, targets, pair);
+}
+
+/// A row with its ends repeated `r` times.
+fn fill_padded(row: &[f32], r: usize, padded: &mut [f32]) {
+    let w = row.len();
+    padded[..r].fill(row[0]);
+    padded[r..r + w].copy_from_slice(row);
+    padded[r + w..].fill(row[w - 1]);
+}
+
+/// Filters over pairs of pixels i before and behind each pixel: `OUT` sums a pixel.
+trait Taps<const OUT: usize>: Copy {
+    /// The sums of `N` pixels, of which those i before and behind are `N` of the slices that `pair(i)` gives, from `at` on.
+    fn block<'a, const N: usize>(self, at: usize, pair: &impl Fn(usize) -> (&'a [f32], &'a [f32])) -> [[f32; N]; OUT];
+}
+
+/// Σ kᵢ (bᵢ ± aᵢ).
+#[derive(Clone, Copy)]
+struct One<'k> {
+    half: &'k [f32],
+    odd: bool,
+}
+
+impl Taps<1> for One<'_> {
+    #[inline(always)]
+    fn block<'a, const N: usize>(self, at: usize, pair: &impl Fn(usize) -> (&'a [f32], &'a [f32])) -> [[f32; N]; 1] {
+        let mut sums = [0.0f32; N];
+        if !self.odd {
+            sums.iter_mut().zip(&pair(0).0[at..at + N]).for_each(|(sum, p)| *sum = self.half[0] * p);
+        }
+        for (i, &k) in self.half.iter().enumerate().skip(1) {
+            let (before, behind) = pair(i);
+            let pixels = before[at..at + N].iter().zip(&behind[at..at + N]);
+            if self.odd {
+                sums.iter_mut().zip(pixels).for_each(|(sum, (a, b))| *sum += k * (b - a));
+            } else {
+                sums.iter_mut().zip(pixels).for_each(|(sum, (a, b))| *sum += k * (a + b));
+            }
+        }
+        [sums]
+    }
+}
+
+/// An even and an odd filter: each pixel is fetched once for both.
+#[derive(Clone, Copy)]
+struct Both<'k> {
+    even: &'k [f32],
+    odd: &'k [f32],
+}
+
+impl Taps<2> for Both<'_> {
+    #[inline(always)]
+    fn block<'a, const N: usize>(self, at: usize, pair: &impl Fn(usize) -> (&'a [f32], &'a [f32])) -> [[f32; N]; 2] {
+        let (mut evens, mut odds) = ([0.0f32; N], [0.0f32; N]);
+        evens.iter_mut().zip(&pair(0).0[at..at + N]).for_each(|(sum, p)| *sum = self.even[0] * p);
+        for (i, (&of_sum, &of_difference)) in self.even.iter().zip(self.odd).enumerate().skip(1) {
+            let (before, behind) = pair(i);
+            let pixels = before[at..at + N].iter().zip(&behind[at..at + N]);
+            for ((even, odd), (a, b)) in evens.iter_mut().zip(&mut odds).zip(pixels) {
+                *even += of_sum * (a + b);
+                *odd += of_difference * (b - a);
+            }
+        }
+        [evens, odds]
+    }
+}
+
+/// A row of sums into `targets`, `pair(i)` being the row's pixels i before and behind. On the widest registers there are; the
+/// same operations in the same order on all, so that no machine gives other bits.
 #[inline(always)]
-fn correlate<'a>(half: &[f32], odd: bool, target: &mut [f32], pair: impl Fn(usize) -> (&'a [f32], &'a [f32])) {
+fn on_widest<'a, const OUT: usize>(
+    taps: impl Taps<OUT>,
+    targets: [&mut [f32]; OUT],
+    pair: impl Fn(usize) -> (&'a [f32], &'a [f32]),
+) {
     #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
+    if std::arch::is_x86_feature_detected!("avx512f") {
         // SAFETY: the feature has just been detected.
-        unsafe { correlate_avx2(half, odd, target, pair) };
+        unsafe { on_avx512(taps, targets, pair) };
+        return;
+    } else if std::arch::is_x86_feature_detected!("avx2") {
+        // SAFETY: as above.
+        unsafe { on_avx2(taps, targets, pair) };
         return;
     }
-    correlate_taps(half, odd, target, pair);
+    in_blocks::<OUT, 16>(taps, targets, pair);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f")]
+unsafe fn on_avx512<'a, const OUT: usize>(
+    taps: impl Taps<OUT>,
+    targets: [&mut [f32]; OUT],
+    pair: impl Fn(usize) -> (&'a [f32], &'a [f32]),
+) {
+    in_blocks::<OUT, 64>(taps, targets, pair);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-unsafe fn correlate_avx2<'a>(
-    half: &[f32],
-    odd: bool,
-    target: &mut [f32],
+unsafe fn on_avx2<'a, const OUT: usize>(
+    taps: impl Taps<OUT>,
+    targets: [&mut [f32]; OUT],
     pair: impl Fn(usize) -> (&'a [f32], &'a [f32]),
 ) {
-    correlate_taps(half, odd, target, pair);
+    in_blocks::<OUT, 32>(taps, targets, pair);
 }
 
+/// Blocks of `N` sums stay in registers over all taps: two loads a tap instead of three and a store.
 #[inline(always)]
-fn correlate_taps<'a>(half: &[f32], odd: bool, target: &mut [f32], pair: impl Fn(usize) -> (&'a [f32], &'a [f32])) {
-    if odd {
-        target.fill(0.0);
-    } else {
-        target.iter_mut().zip(pair(0).0).for_each(|(t, p)| *t = half[0] * p);
+fn in_blocks<'a, const OUT: usize, const N: usize>(
+    taps: impl Taps<OUT>,
+    mut targets: [&mut [f32]; OUT],
+    pair: impl Fn(usize) -> (&'a [f32], &'a [f32]),
+) {
+    match targets[0].len() {
+        0..8 => cover::<OUT, 1>(taps, &mut targets, &pair),
+        width if width < N => cover::<OUT, 8>(taps, &mut targets, &pair),
+        _ => cover::<OUT, N>(taps, &mut targets, &pair),
     }
-    for (i, &k) in half.iter().enumerate().skip(1) {
-        let (before, behind) = pair(i);
-        if odd {
-            target.iter_mut().zip(before.iter().zip(behind)).for_each(|(t, (a, b))| *t += k * (b - a));
-        } else {
-            target.iter_mut().zip(before.iter().zip(behind)).for_each(|(t, (a, b))| *t += k * (a + b));
-        }
+}
+
+/// A row in blocks of `N`, at least one long. The last ends with the row, and so gives some pixels a second time.
+#[inline(always)]
+fn cover<'a, const OUT: usize, const N: usize>(
+    taps: impl Taps<OUT>,
+    targets: &mut [&mut [f32]; OUT],
+    pair: &impl Fn(usize) -> (&'a [f32], &'a [f32]),
+) {
+    let width = targets[0].len();
+    for from in (0..width).step_by(N) {
+        let at = from.min(width - N);
+        let sums = taps.block::<N>(at, pair);
+        targets.iter_mut().zip(sums).for_each(|(target, sums)| target[at..at + N].copy_from_slice(&sums));
     }
 }
 
@@ -104,11 +210,25 @@ fn gaussian_by_taps(plane: &Plane<f32>, sigma: f32) -> Plane<f32> {
 
 /// The means of blocks, blurred by what the blocks and the interpolation between them do not blur already.
 fn gaussian_by_blocks(plane: &Plane<f32>, sigma: f32, factor: usize) -> Plane<f32> {
+    let small = gaussian_by_taps(&block_means(plane, factor), narrower(sigma, factor));
+    enlarged(&small, factor, plane.width, plane.height)
+}
+
+/// What blocks of `factor`² pixels and the interpolation between them leave of a sigma \[px\], in blocks.
+fn narrower(sigma: f32, factor: usize) -> f32 {
     let f = factor as f32;
     // Variances of a block's mean and of the triangle of linear interpolation.
     let (mean, triangle) = ((f * f - 1.0) / 12.0, f * f / 6.0);
-    let small = gaussian_by_taps(&block_means(plane, factor), (sigma * sigma - mean - triangle).sqrt() / f);
-    enlarged(&small, factor, plane.width, plane.height)
+    (sigma * sigma - mean - triangle).sqrt() / f
+}
+
+/// The two of `blocks` that a pixel of a line lies between, and the share of the second; beyond the outermost centres the line
+/// through the last two goes on.
+#[inline]
+fn between(pixel: usize, factor: usize, blocks: usize) -> (usize, usize, f32) {
+    let at = (pixel as f32 + 0.5) / factor as f32 - 0.5;
+    let first = (at.max(0.0) as usize).min(blocks.saturating_sub(2));
+    (first, (first + 1).min(blocks - 1), at - first as f32)
 }
 
 /// The means of blocks of `factor`² pixels; the border is repeated where the last blocks stand over.
@@ -132,20 +252,10 @@ fn block_means(plane: &Plane<f32>, factor: usize) -> Plane<f32> {
 
 /// Linear interpolation between the centres of blocks.
 fn enlarged(small: &Plane<f32>, factor: usize, width: usize, height: usize) -> Plane<f32> {
-    // The two blocks that a pixel of a line lies between, and the share of the second; beyond the outermost centres the line
-    // through the last two goes on.
-    let between = |n: usize, blocks: usize| -> Vec<(usize, usize, f32)> {
-        let at = |i: usize| {
-            let at = (i as f32 + 0.5) / factor as f32 - 0.5;
-            let first = (at.max(0.0) as usize).min(blocks.saturating_sub(2));
-            (first, (first + 1).min(blocks - 1), at - first as f32)
-        };
-        (0..n).map(at).collect()
-    };
-    let columns = between(width, small.width);
+    let columns: Vec<_> = (0..width).map(|x| between(x, factor, small.width)).collect();
     let mut out = Plane { width, height, data: Vec::with_capacity(width * height) };
     let mut row = vec![0.0f32; small.width];
-    for (above, below, share) in between(height, small.height) {
+    for (above, below, share) in (0..height).map(|y| between(y, factor, small.height)) {
         let pairs = small.row(above).iter().zip(small.row(below));
         row.iter_mut().zip(pairs).for_each(|(r, (a, b))| *r = a + share * (b - a));
         out.data.extend(columns.iter().map(|&(left, right, share)| row[left] + share * (row[right] - row[left])));
@@ -153,13 +263,77 @@ fn enlarged(small: &Plane<f32>, factor: usize, width: usize, height: usize) -> P
     out
 }
 
+/// Sums of values that some pixels have, in wide Gaussian windows; for those who ask at some pixels only.
+pub struct Spread<const N: usize> {
+    factor: usize,
+    blocks: Plane<[f32; N]>,
+}
+
+impl<const N: usize> Spread<N> {
+    /// Of pixels (column, row) of a plane of `width` × `height`, for a sigma \[px\] of at least [`Spread::LEAST_SIGMA`]; all
+    /// others have nothing.
+    pub fn new(
+        (width, height): (usize, usize),
+        pixels: impl IntoIterator<Item = ([usize; 2], [f32; N])>,
+        sigma: f32,
+    ) -> Self {
+        debug_assert!(sigma >= Self::LEAST_SIGMA);
+        let factor = WIDE_FACTORS.into_iter().find(|factor| sigma >= (4 * factor) as f32).unwrap_or(WIDE_FACTORS[1]);
+        let mut blocks = Plane::filled(width.div_ceil(factor), height.div_ceil(factor), [0.0; N]);
+        let share = 1.0 / (factor * factor) as f32;
+        for ([x, y], values) in pixels {
+            blocks[(x / factor, y / factor)].iter_mut().zip(values).for_each(|(sum, value)| *sum += share * value);
+        }
+        let narrower = narrower(sigma, factor);
+        for k in 0..N {
+            let blurred = gaussian_by_taps(&blocks.map(|values| values[k]), narrower);
+            blocks.data.iter_mut().zip(blurred.data).for_each(|(values, value)| values[k] = value);
+        }
+        Self { factor, blocks }
+    }
+
+    /// The narrowest window \[px\].
+    pub const LEAST_SIGMA: f32 = 8.0;
+
+    /// The sums around a pixel.
+    #[inline]
+    pub fn at(&self, x: usize, y: usize) -> [f32; N] {
+        let (left, right, along) = between(x, self.factor, self.blocks.width);
+        let (above, below, down) = between(y, self.factor, self.blocks.height);
+        let [a, b, c, d] = [(left, above), (right, above), (left, below), (right, below)].map(|at| &self.blocks[at]);
+        std::array::from_fn(|k| {
+            let (first, second) = (a[k] + down * (c[k] - a[k]), b[k] + down * (d[k] - b[k]));
+            first + along * (second - first)
+        })
+    }
+}
+
 /// Gaussian blur of `plane` where `weight` is known, normalised by the blurred weight (Knutsson & Westin 1993); where
 /// the blurred weight is below 1e-4 the result is 0.
 pub fn gaussian_where(plane: &Plane<f32>, weight: &Plane<f32>, sigma: f32) -> Plane<f32> {
-    let weighted = Plane { data: plane.data.iter().zip(&weight.data).map(|(p, w)| p * w).collect(), ..*plane };
-    let (mut top, bottom) = (gaussian(&weighted, sigma), gaussian(weight, sigma));
-    top.data.iter_mut().zip(&bottom.data).for_each(|(t, b)| *t = if *b > 1e-4 { *t / b } else { 0.0 });
-    top
+    Window::new(weight, sigma).mean(plane, weight)
+}
+
+/// The Gaussian window of [`gaussian_where`] around every pixel, for several planes of one weight.
+pub struct Window {
+    /// The blurred weight.
+    pub weight: Plane<f32>,
+    sigma: f32,
+}
+
+impl Window {
+    /// Of a sigma \[px\].
+    pub fn new(weight: &Plane<f32>, sigma: f32) -> Self {
+        Self { weight: gaussian(weight, sigma), sigma }
+    }
+
+    /// The means of `plane` in the windows; `weight` is that of the windows.
+    pub fn mean(&self, plane: &Plane<f32>, weight: &Plane<f32>) -> Plane<f32> {
+        let weighted = plane.data.iter().zip(&weight.data).map(|(p, w)| p * w).collect();
+        let mut mean = gaussian(&Plane { data: weighted, ..*plane }, self.sigma);
+        mean.data.iter_mut().zip(&self.weight.data).for_each(|(m, w)| *m = if *w > 1e-4 { *m / w } else { 0.0 });
+        mean
+    }
 }
 
 /// Central differences (five-point, exact for cubics) along x and y \[1/px\].
@@ -183,6 +357,33 @@ mod tests {
     use super::*;
 
     #[test]
+    fn all_registers_give_the_same_bits() {
+        // Widths with and without remainders of all blocks.
+        for width in [1, 7, 8, 31, 64, 100, 143] {
+            let plane = Plane::from_fn(width, 9, |x, y| ((x * x + 31 * y) % 101) as f32 * 0.37 - 11.0);
+            let (even, odd) = ([0.31f32, 0.2, -0.1, 0.07], [0.0f32, 0.6, 0.25, -0.03]);
+            let at = |x: usize, y: usize, i: isize| plane[(x.saturating_add_signed(i).min(width - 1), y)];
+            let sum = |half: &[f32], sign: f32, x: usize, y: usize| {
+                let first = if sign > 0.0 { half[0] * at(x, y, 0) } else { 0.0 };
+                (1..4).fold(first, |sum, i| {
+                    let (a, b) = (at(x, y, -(i as isize)), at(x, y, i as isize));
+                    sum + half[i] * if sign > 0.0 { a + b } else { b - a }
+                })
+            };
+            let evens = Plane::from_fn(width, 9, |x, y| sum(&even, 1.0, x, y));
+            let odds = Plane::from_fn(width, 9, |x, y| sum(&odd, -1.0, x, y));
+            assert_eq!(along_rows(&plane, &even, false), evens);
+            assert_eq!(along_rows(&plane, &odd, true), odds);
+            assert_eq!(even_and_odd_along_rows(&plane, &even, &odd), [evens, odds]);
+            let columns = [along_columns(&plane, &even, false), along_columns(&plane, &odd, true)];
+            let mut rows = [vec![0.0; width], vec![0.0; width]];
+            let [a, b] = &mut rows;
+            even_and_odd_column_row(&plane, &even, &odd, 5, [a, b]);
+            assert_eq!([columns[0].row(5), columns[1].row(5)], [&rows[0][..], &rows[1][..]]);
+        }
+    }
+
+    #[test]
     fn a_wide_blur_by_blocks_is_that_by_taps() {
         // Steps of full contrast; sides that are no multiple of a block.
         let plane = Plane::from_fn(137, 90, |x, y| if (x / 13 + y / 29) % 2 == 0 { 1.0 } else { 0.0 });
@@ -191,6 +392,20 @@ mod tests {
             assert_eq!((blocks.width, blocks.height), (taps.width, taps.height));
             let most = blocks.data.iter().zip(&taps.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(most < 4e-3, "sigma {sigma}: {most}");
+        }
+    }
+
+    #[test]
+    fn what_a_few_pixels_have_spreads_as_a_blur_does() {
+        let plane = Plane::from_fn(136, 92, |x, y| if (x * 7 + y * 13) % 11 == 0 { (x % 17) as f32 } else { 0.0 });
+        let some = (0..92).flat_map(|y| (0..136).map(move |x| [x, y]));
+        for sigma in [8.0, 24.0] {
+            let pixels =
+                some.clone().map(|[x, y]| ([x, y], [plane[(x, y)], 1.0])).filter(|(_, [value, _])| *value > 0.0);
+            let (spread, blurred) = (Spread::new((136, 92), pixels, sigma), gaussian(&plane, sigma));
+            for [x, y] in some.clone() {
+                assert!((spread.at(x, y)[0] - blurred[(x, y)]).abs() < 1e-4, "{x} {y}");
+            }
         }
     }
 

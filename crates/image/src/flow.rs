@@ -100,6 +100,7 @@ pub fn flow(from: &[Plane<f32>], to: &[Plane<f32>], options: &FlowOptions) -> Fl
     let mut flow = Flow::zero(coarsest.width, coarsest.height);
     for level in (0..a.len()).rev() {
         let (from, to) = (&a[level], &b[level]);
+        let slopes: Vec<_> = from.iter().map(gradients).collect();
         if (flow.u.width, flow.u.height) != (from[0].width, from[0].height) {
             flow = flow.doubled(from[0].width, from[0].height);
         }
@@ -107,7 +108,7 @@ pub fn flow(from: &[Plane<f32>], to: &[Plane<f32>], options: &FlowOptions) -> Fl
         let stages = if level + 1 == a.len() { options.stages + 1 } else { options.stages };
         for stage in (0..stages).rev() {
             let widen = 2f32.powi(stage as i32);
-            refine(from, to, &mut flow, options, widen);
+            refine((from, &slopes), to, &mut flow, options, widen);
         }
     }
     flow
@@ -159,17 +160,25 @@ fn pyramid(channels: &[Plane<f32>], levels: usize) -> Vec<Vec<Plane<f32>>> {
     out
 }
 
+/// A channel's slopes along x and y.
+type Slopes = (Plane<f32>, Plane<f32>);
+
 /// One stage: warp, weigh, relax.
-fn refine(from: &[Plane<f32>], to: &[Plane<f32>], flow: &mut Flow, options: &FlowOptions, widen: f32) {
+fn refine(
+    (from, slopes): (&[Plane<f32>], &[Slopes]),
+    to: &[Plane<f32>],
+    flow: &mut Flow,
+    options: &FlowOptions,
+    widen: f32,
+) {
     let (width, height) = (from[0].width, from[0].height);
     let n = width * height;
     // Normal equations of the data term in the increment (p, q), summed over channels.
     let mut data = vec![[0.0f32; 5]; n];
     let sigma2 = (options.data_sigma * widen).powi(2);
-    for (a, b) in from.iter().zip(to) {
+    for ((a, (ax, ay)), b) in from.iter().zip(slopes).zip(to) {
         let moved = warped(b, flow);
         let (mut gx, mut gy) = gradients(&moved);
-        let (ax, ay) = gradients(a);
         gx.data.iter_mut().zip(&ax.data).for_each(|(g, a)| *g = 0.5 * (*g + a));
         gy.data.iter_mut().zip(&ay.data).for_each(|(g, a)| *g = 0.5 * (*g + a));
         for (i, d) in data.iter_mut().enumerate() {

@@ -8,7 +8,7 @@
 
 use strandflow_core::Plane;
 
-use crate::filter::{along_rows, column_row, gaussian_half};
+use crate::filter::{even_and_odd_along_rows, even_and_odd_column_row, gaussian_half};
 
 /// Doubled-angle sum and total of the energies of a bank.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,16 +52,14 @@ pub fn add_energy(
     for k in 0..=orientations / 2 {
         let phi = std::f32::consts::PI * k as f32 / orientations as f32;
         let ((cos_x, sin_x), (cos_y, sin_y)) = (modulated(omega * phi.cos()), modulated(omega * phi.sin()));
-        let (c, s) = (along_rows(plane, &cos_x, false), along_rows(plane, &sin_x, true));
+        let [c, s] = even_and_odd_along_rows(plane, &cos_x, &sin_x);
         // Lines run across the wave vector: doubled angle turned by π. φ and π − φ coincide at both ends.
         let (c2, s2) = (-(2.0 * phi).cos() * gain, -(2.0 * phi).sin() * gain);
         let mirrored = k != 0 && 2 * k != orientations;
         for y in 0..plane.height {
             let [cc, cs, sc, ss] = &mut rows;
-            column_row(&c, &cos_y, false, y, cc);
-            column_row(&c, &sin_y, true, y, cs);
-            column_row(&s, &cos_y, false, y, sc);
-            column_row(&s, &sin_y, true, y, ss);
+            even_and_odd_column_row(&c, &cos_y, &sin_y, y, [cc, cs]);
+            even_and_odd_column_row(&s, &cos_y, &sin_y, y, [sc, ss]);
             let span = y * width..(y + 1) * width;
             let (vc, vs) = (&mut into.cos2.data[span.clone()], &mut into.sin2.data[span.clone()]);
             let vt = &mut into.total.data[span];

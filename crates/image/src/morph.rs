@@ -55,25 +55,32 @@ pub fn without_holes(mask: &Plane<bool>, area: usize) -> Plane<bool> {
 
 /// Dilation by a square of `radius` pixels.
 pub fn dilated(mask: &Plane<bool>, radius: usize) -> Plane<bool> {
-    let (width, height) = (mask.width, mask.height);
-    let spread = |len: usize, get: &dyn Fn(usize) -> bool, set: &mut dyn FnMut(usize)| {
-        let mut until = 0usize;
-        for i in 0..len + radius {
-            if i < len && get(i) {
-                until = i + 2 * radius + 1;
-            }
-            if i < until && i >= radius {
-                set(i - radius);
-            }
-        }
-    };
+    let (width, height, reach) = (mask.width, mask.height, 2 * radius + 1);
     let mut rows = Plane::filled(width, height, false);
-    for y in 0..height {
-        spread(width, &|x| mask[(x, y)], &mut |x| rows[(x, y)] = true);
+    for (row, out) in mask.data.chunks_exact(width.max(1)).zip(rows.data.chunks_exact_mut(width.max(1))) {
+        let mut left = 0;
+        for x in 0..width + radius {
+            if x < width && row[x] {
+                left = reach;
+            }
+            if x >= radius {
+                out[x - radius] = left > 0;
+            }
+            left = left.saturating_sub(1);
+        }
     }
     let mut out = Plane::filled(width, height, false);
-    for x in 0..width {
-        spread(height, &|y| rows[(x, y)], &mut |y| out[(x, y)] = true);
+    // How many more rows each column stays set, all columns side by side.
+    let mut left = vec![0u32; width];
+    for y in 0..height + radius {
+        if y < height {
+            left.iter_mut().zip(rows.row(y)).for_each(|(left, &set)| *left = if set { reach as u32 } else { *left });
+        }
+        if y >= radius {
+            let at = (y - radius) * width;
+            out.data[at..at + width].iter_mut().zip(&left).for_each(|(out, &left)| *out = left > 0);
+        }
+        left.iter_mut().for_each(|left| *left = left.saturating_sub(1));
     }
     out
 }

@@ -68,8 +68,9 @@ impl Region {
 
     /// The samples of the rectangle, mapped; the rectangle must lie inside the plane.
     pub fn crop<T, U>(&self, plane: &Plane<T>, f: impl Fn(&T) -> U) -> Plane<U> {
-        let rows = self.y..self.y + self.height;
-        let data = rows.flat_map(|y| plane.row(y)[self.x..self.x + self.width].iter().map(&f)).collect();
+        let mut data = Vec::with_capacity(self.width * self.height);
+        (self.y..self.y + self.height)
+            .for_each(|y| data.extend(plane.row(y)[self.x..self.x + self.width].iter().map(&f)));
         Plane { width: self.width, height: self.height, data }
     }
 

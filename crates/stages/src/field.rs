@@ -13,7 +13,7 @@ use strandflow_core::{
     Camera, Grid, Mask, Occupancy, Place, Plane, Report, Rig, RigidTransform, SparseVoxels, TriMesh,
 };
 use strandflow_geometry::{
-    project::{depth, project},
+    project::{depth, project_with_depth},
     signed_distance::SignedDistance,
 };
 use strandflow_volume::{
@@ -314,9 +314,25 @@ enum Says {
 /// A view in which some pixels of the subject show no hair: skin, mostly.
 struct BareView<'a> {
     camera: &'a Camera,
-    bare: Plane<bool>,
-    hull: DepthMap,
-    skin: DepthMap,
+    pixels: Plane<Pixel>,
+}
+
+/// What a view knows at a pixel, side by side: voxels ask all over the image, and each place that they ask for comes from memory.
+#[derive(Clone, Copy)]
+struct Pixel {
+    /// Distances along the optical axis to the hull and to the skin \[mm\]; infinite where there is none.
+    hull: f32,
+    skin: f32,
+    shows: Shows,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Shows {
+    /// Bare, as its four neighbours are.
+    Bare,
+    /// Bare, beside one that is not.
+    Border,
+    Rest,
 }
 
 impl<'a> BareView<'a> {
@@ -327,33 +343,37 @@ impl<'a> BareView<'a> {
         [outside, skin]: [&[u32]; 2],
         settings: &FieldSettings,
     ) -> Self {
-        let hull = DepthMap::of_voxels(camera, grid, outside);
-        let skin = DepthMap::of_voxels(camera, grid, skin);
-        let bare =
-            Plane::from_fn(camera.width, camera.height, |x, y| hair[(x, y)] < 128 && hull.depth[(x, y)].is_finite());
+        let [hull, skin] = [outside, skin].map(|voxels| DepthMap::of_voxels(camera, grid, voxels).depth);
+        let bare = Plane::from_fn(camera.width, camera.height, |x, y| hair[(x, y)] < 128 && hull[(x, y)].is_finite());
         let distance = depth(camera, grid.centre(grid.dims.map(|n| n / 2))).max(1.0);
         let least_pixels = settings.bare_patch_mm2 * (camera.focal[0] / distance).powi(2);
-        Self { camera, bare: without_small_patches(bare, least_pixels as usize), hull, skin }
+        let bare = without_small_patches(bare, least_pixels as usize);
+        let shows = |x: usize, y: usize| {
+            let within = x > 0 && y > 0 && x + 1 < bare.width && y + 1 < bare.height;
+            let near = || [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)];
+            match bare[(x, y)] {
+                true if within && near().iter().all(|&at| bare[at]) => Shows::Bare,
+                true => Shows::Border,
+                false => Shows::Rest,
+            }
+        };
+        let pixel = |x, y| Pixel { hull: hull[(x, y)], skin: skin[(x, y)], shows: shows(x, y) };
+        Self { camera, pixels: Plane::from_fn(camera.width, camera.height, pixel) }
     }
 
     /// What the view says of a point. A bare pixel sees through it where skin lies behind, and close behind the hull where no skin
     /// is known; the pixel's neighbours must be bare too, for masks are right to a pixel. Hair that is shown can reach all the way
     /// to the head, or some way behind the hull.
     fn says(&self, point: DVec3, settings: &FieldSettings) -> Says {
-        let Some(pixel) = project(self.camera, point) else { return Says::Nothing };
-        let bare = |du: f64, dv: f64| self.bare.at_point(pixel.x + du, pixel.y + dv).copied();
-        let depth = depth(self.camera, point);
-        let skin = self.skin.behind_at(pixel, depth);
-        let is_within = |mm: f64| self.hull.behind_at(pixel, depth).is_some_and(|behind| f64::from(behind) < mm);
-        match bare(0.0, 0.0) {
-            Some(true) => {
-                let sure = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
-                    .iter()
-                    .all(|&(du, dv)| bare(du, dv) == Some(true));
-                let sees_through = || skin.map_or_else(|| is_within(settings.bare_depth_mm), |behind| behind < 0.0);
-                if sure && sees_through() { Says::NoHair } else { Says::Nothing }
-            }
-            Some(false) if skin.is_some_and(|behind| behind < 0.0) || is_within(settings.hair_depth_mm) => Says::Hair,
+        let Some((pixel, depth)) = project_with_depth(self.camera, point) else { return Says::Nothing };
+        let Some(&Pixel { hull, skin, shows }) = self.pixels.at_point(pixel.x, pixel.y) else { return Says::Nothing };
+        let behind = |first: f32| first.is_finite().then_some(depth as f32 - first);
+        let skin = behind(skin);
+        let is_within = |mm: f64| behind(hull).is_some_and(|behind| f64::from(behind) < mm);
+        let sees_through = || skin.map_or_else(|| is_within(settings.bare_depth_mm), |behind| behind < 0.0);
+        match shows {
+            Shows::Bare if sees_through() => Says::NoHair,
+            Shows::Rest if skin.is_some_and(|behind| behind < 0.0) || is_within(settings.hair_depth_mm) => Says::Hair,
             _ => Says::Nothing,
         }
     }

@@ -6,9 +6,10 @@
 
 mod carry;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec4};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use strandflow_core::{Place, Provenance, Report, RigidTransform, SparseVoxels, Strands};
+use strandflow_core::{Place, Provenance, Report, RigidTransform, SparseVoxels, Strands, grid::floor};
 use strandflow_geometry::order::map_places;
 use strandflow_volume::{tensor::Tensor, velocity::VoxelIndex};
 
@@ -139,7 +140,7 @@ pub fn grow(
     report: &mut Report,
 ) -> Result<Strands, StageError> {
     check_input(input)?;
-    let field = LineField { values: &input.field.values, lookup: VoxelIndex::of_sparse(input.field) };
+    let field = LineField::new(input.field);
     let grower = Grower { field, mode, settings, down: input.gravity.as_vec3().normalize_or_zero() };
     let carrier = input.before.as_ref().filter(|_| mode == Mode::Robust && settings.follow > 0.0);
     let carrier = carrier.map(|before| Carrier::new(before, input.world_from_head));
@@ -204,56 +205,77 @@ struct Sample {
     observed: bool,
 }
 
-struct LineField<'a> {
-    values: &'a [FieldVoxel],
+struct LineField {
+    voxels: Vec<Voxel>,
     lookup: VoxelIndex,
 }
 
-impl LineField<'_> {
+/// What is interpolated between voxels, on one half of a cache line.
+#[derive(Clone, Copy)]
+#[repr(align(32))]
+struct Voxel {
+    /// The line's tensor: xx, yy, zz, xy.
+    first: Vec4,
+    /// Its xz and yz, the trust, and 1 where the line was observed.
+    second: Vec4,
+}
+
+impl Voxel {
+    fn new(voxel: &FieldVoxel) -> Self {
+        let Tensor([xx, yy, zz, xy, xz, yz]) = Tensor::of_line(voxel.direction);
+        let observed = if voxel.observed { 1.0 } else { 0.0 };
+        Self { first: Vec4::new(xx, yy, zz, xy), second: Vec4::new(xz, yz, voxel.trust, observed) }
+    }
+}
+
+impl LineField {
+    fn new(field: &SparseVoxels<FieldVoxel>) -> Self {
+        Self { voxels: field.values.par_iter().map(Voxel::new).collect(), lookup: VoxelIndex::of_sparse(field) }
+    }
+
     /// The interpolated line at a point, turned towards `previous`; `None` outside the hair volume.
     fn at(&self, point: Vec3, previous: Vec3) -> Option<Sample> {
         let c = self.lookup.grid.continuous(point.as_dvec3()) - 0.5;
-        let base = c.floor();
-        let f = (c - base).as_vec3();
-        let base = base.as_i64vec3();
-        let (mut sum, mut weight, mut trust, mut observed) = (Tensor::default(), 0.0, 0.0, 0.0);
-        for corner in 0..8i64 {
-            let [i, j, k] = [corner & 1, corner >> 1 & 1, corner >> 2];
-            let Some(rank) = self.lookup.rank_at([base.x + i, base.y + j, base.z + k]) else { continue };
-            let voxel = self.values[rank];
-            let side = |offset: i64, f: f32| if offset == 1 { f } else { 1.0 - f };
-            let share = side(i, f.x) * side(j, f.y) * side(k, f.z);
-            sum += Tensor::of_line(voxel.direction) * share;
+        let base = c.to_array().map(floor);
+        let f = (c - DVec3::from_array(base.map(|b| b as f64))).as_vec3();
+        let (mut first, mut second, mut weight) = (Vec4::ZERO, Vec4::ZERO, 0.0);
+        for (corner, rank) in self.lookup.corners(base).into_iter().enumerate() {
+            let Some(rank) = rank else { continue };
+            let side = |axis: usize| if corner >> axis & 1 == 1 { f[axis] } else { 1.0 - f[axis] };
+            let share = side(0) * side(1) * side(2);
+            first += self.voxels[rank].first * share;
+            second += self.voxels[rank].second * share;
             weight += share;
-            trust += share * voxel.trust;
-            observed += if voxel.observed { share } else { 0.0 };
         }
+        let sum = Tensor([first.x, first.y, first.z, first.w, second.x, second.y]);
         // Less than a third of the surrounding weight: outside.
         (weight > 0.33 && sum.trace() > 1e-6).then_some(())?;
         let normalised = sum * (1.0 / sum.trace());
         let (line, purity) =
             normalised.principal(previous.lerp(normalised.rough_direction(), 0.5).normalize_or(Vec3::X));
         let direction = if line.dot(previous) < 0.0 { -line } else { line };
-        Some(Sample { direction, purity, trust: trust / weight, observed: observed > 0.5 * weight })
+        Some(Sample { direction, purity, trust: second.z / weight, observed: second.w > 0.5 * weight })
     }
-}
 
-impl LineField<'_> {
+    /// The voxel at a point.
+    fn voxel_at(&self, point: Vec3) -> [i64; 3] {
+        self.lookup.grid.continuous(point.as_dvec3()).to_array().map(floor)
+    }
+
     /// Whether the voxel at a point belongs to the hair volume.
     fn contains(&self, point: Vec3) -> bool {
-        let voxel = self.lookup.grid.continuous(point.as_dvec3()).floor().as_i64vec3();
-        self.lookup.rank_at(voxel.to_array()).is_some()
+        self.lookup.holds(self.voxel_at(point))
     }
 
     /// The direction towards the inside of the hair volume at its border: from the centre of the 5³ voxels around a point
     /// to the centroid of those within.
     fn inwards(&self, point: Vec3) -> Option<Vec3> {
-        let voxel = self.lookup.grid.continuous(point.as_dvec3()).floor().as_i64vec3();
+        let [x, y, z] = self.voxel_at(point);
         let mut sum = Vec3::ZERO;
-        for [x, y, z] in (0..125i64).map(|i| [i % 5 - 2, i / 5 % 5 - 2, i / 25 - 2]) {
-            if self.lookup.rank_at([voxel.x + x, voxel.y + y, voxel.z + z]).is_some() {
-                sum += Vec3::new(x as f32, y as f32, z as f32);
-            }
+        for [j, k] in (0..25).map(|i| [i % 5 - 2, i / 5 - 2]) {
+            let row = self.lookup.row_bits([x - 2, y + j, z + k], 5);
+            let along: i64 = (0..5).filter(|i| row >> i & 1 == 1).map(|i| i - 2).sum();
+            sum += Vec3::new(along as f32, 0.0, 0.0) + Vec3::new(0.0, j as f32, k as f32) * row.count_ones() as f32;
         }
         sum.try_normalize()
     }
@@ -265,7 +287,7 @@ const ALONG: usize = 2;
 const BEND_MM: f32 = 6.0;
 
 struct Grower<'a> {
-    field: LineField<'a>,
+    field: LineField,
     mode: Mode,
     settings: &'a GrowSettings,
     down: Vec3,
@@ -291,7 +313,9 @@ impl Grower<'_> {
         let mut head = Head { at: root, direction: normal, arc: 0.0, slid: false };
         let mut outside = 0usize;
         while strand.points.len() < self.most_points(carried) {
-            let sample = self.field.at(head.at, self.facing(&head, normal, carried));
+            let aim = self.aim(&head, carried);
+            let facing = self.facing(&head, normal, aim);
+            let sample = self.field.at(head.at, facing);
             outside = if sample.is_some() { 0 } else { outside + 1 };
             strand.push(head.at, sample.as_ref());
             // A root may lie up to three steps off the volume: scalp and hull are right to a voxel.
@@ -299,8 +323,8 @@ impl Grower<'_> {
             if outside > gap {
                 break;
             }
-            let Some(next) = self.next_direction(&head, normal, sample, carried) else { break };
-            (head.direction, head.slid) = self.kept_inside(&head, self.drawn(&head, next, carried));
+            let Some(next) = self.next_direction(&head, normal, facing, sample, aim) else { break };
+            (head.direction, head.slid) = self.kept_inside(&head, self.drawn(&head, next, aim));
             head.at += head.direction * step;
             head.arc += step;
         }
@@ -331,9 +355,9 @@ impl Grower<'_> {
         (tangent + aside.clamp_length_max(1.0)).try_normalize()
     }
 
-    /// A direction drawn towards the carried strand.
-    fn drawn(&self, head: &Head, direction: Vec3, carried: &[Vec3]) -> Vec3 {
-        match self.aim(head, carried) {
+    /// A direction drawn towards the carried strand, where there is one.
+    fn drawn(&self, head: &Head, direction: Vec3, aim: Option<Vec3>) -> Vec3 {
+        match aim {
             Some(aim) => {
                 let drawn = direction.lerp(aim, self.settings.follow).normalize_or(direction);
                 turned_at_most(head.direction, drawn, self.settings.step_mm as f32 / BEND_MM)
@@ -344,8 +368,8 @@ impl Grower<'_> {
 
     /// The direction towards which a line is turned. Close to the root, where the normal is across the lines and does not
     /// decide between their two ends, hair falls.
-    fn facing(&self, head: &Head, normal: Vec3, carried: &[Vec3]) -> Vec3 {
-        if let Some(aim) = self.aim(head, carried) {
+    fn facing(&self, head: &Head, normal: Vec3, aim: Option<Vec3>) -> Vec3 {
+        if let Some(aim) = aim {
             return (head.direction + aim).normalize_or(head.direction);
         }
         if self.mode == Mode::Paper || head.arc > self.settings.root_mm {
@@ -356,7 +380,14 @@ impl Grower<'_> {
 
     /// The direction of the next step: the midpoint rule, blended with the previous direction; near the root a turn from
     /// the normal into the field. `None` where the lines around do not agree or turn too sharply.
-    fn next_direction(&self, head: &Head, normal: Vec3, here: Option<Sample>, carried: &[Vec3]) -> Option<Vec3> {
+    fn next_direction(
+        &self,
+        head: &Head,
+        normal: Vec3,
+        facing: Vec3,
+        here: Option<Sample>,
+        aim: Option<Vec3>,
+    ) -> Option<Vec3> {
         let step = self.settings.step_mm as f32;
         let near_root = head.arc < self.settings.root_mm && self.mode == Mode::Robust;
         let Some(here) = here else {
@@ -364,7 +395,7 @@ impl Grower<'_> {
             return Some(back.unwrap_or(head.direction));
         };
         let middle = head.at + here.direction * (0.5 * step);
-        let midpoint = self.field.at(middle, self.facing(head, normal, carried)).unwrap_or(here);
+        let midpoint = self.field.at(middle, facing).unwrap_or(here);
         if head.arc == 0.0 && self.mode == Mode::Paper {
             return Some(normal);
         }
@@ -379,7 +410,7 @@ impl Grower<'_> {
         if self.mode == Mode::Paper {
             return Some(midpoint.direction);
         }
-        if self.aim(head, carried).is_some() {
+        if aim.is_some() {
             // Where the lines do not agree the carried strand leads on.
             let doubt = (1.0 - midpoint.purity / self.settings.min_purity.max(1e-6)).clamp(0.0, 1.0);
             let inertia = self.settings.inertia + (1.0 - self.settings.inertia) * doubt;

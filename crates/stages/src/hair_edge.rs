@@ -9,12 +9,15 @@ use strandflow_image::{boost::Boosted, filter::gaussian, morph::dilated, region:
 
 use crate::{
     StageError,
-    key_frame::{KeyView, Lesson, channels, columns_at, difference, size},
+    key_frame::{KeyView, Lesson, channels, columns_at, difference, odds_at, size},
     masks::{MasksSettings, around},
 };
 
 /// Pixels around the matte in which hair may be.
 const MARGIN: usize = 3;
+/// Blur of the learnt edge \[px\], since single pixels flicker with the noise, and how far it sees.
+const STEADY_PX: f32 = 0.5;
+const STEADY_REACH: usize = 2;
 /// Blur under which difference from the plate and share of hair are compared \[px\].
 const SEEN_PX: f32 = 2.0;
 /// Colour between strands \[code values from the plate's\]: nearer than the first it is the plate, beyond the second not.
@@ -25,7 +28,7 @@ const SQUARE: usize = 16;
 /// what is learnt on one frame is used on all.
 const BETTER: f64 = 0.85;
 /// One in so many pixels teaches.
-const TAUGHT: usize = 2;
+const TAUGHT: usize = 4;
 
 /// Subject against plate at the border of hair; nothing where the given mask tells no more than the matte does.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,11 +50,11 @@ impl HairEdge {
     /// The matte of an image, thinned where the plate is seen between strands.
     pub fn thinned(&self, image: &RgbImage, plate: &RgbImage, matte: &Mask) -> Mask {
         let (Some(model), Some(region)) = (&self.0, around(matte)) else { return matte.clone() };
-        let odds = model.log_odds(&columns(image, plate, matte, region));
-        let possible = dilated(&region.crop(matte, |&m| m > 0), MARGIN);
-        // Single pixels flicker with the noise.
+        let covered = region.crop(matte, |&m| m > 0);
+        let (possible, asked) = (dilated(&covered, MARGIN), dilated(&covered, MARGIN + STEADY_REACH));
+        let odds = odds_at(model, &columns(image, plate, matte, region), &asked);
         let likely = odds.iter().map(|o| 1.0 / (1.0 + (-o).exp())).collect();
-        let likely = gaussian(&Plane { width: region.width, height: region.height, data: likely }, 0.5);
+        let likely = gaussian(&Plane { width: region.width, height: region.height, data: likely }, STEADY_PX);
         let coverage = |(&l, &p): (&f32, &bool)| if p && l >= 0.1 { (255.0 * l).round() as u8 } else { 0 };
         let data = likely.data.iter().zip(&possible.data).map(coverage).collect();
         let mut subject = Plane::filled(matte.width, matte.height, 0u8);

@@ -4,11 +4,17 @@
 //! learnt from the same given mask does not drift.
 
 use strandflow_core::{Mask, Place, Plane, RgbImage};
-use strandflow_image::{boost::Boosted, colour::luma_of, filter::gaussian_where, region::Region};
+use strandflow_image::{
+    boost::Boosted,
+    colour::luma_of,
+    filter::{Window, gaussian_where},
+    morph::dilated,
+    region::Region,
+};
 
 use crate::{
     StageError,
-    key_frame::{KeyView, Lesson, channels, difference, size},
+    key_frame::{KeyView, Lesson, channels, difference, odds_at, size},
     masks::{MasksSettings, around},
 };
 
@@ -19,46 +25,62 @@ const OTHERS: f32 = 0.3;
 /// Shares of its brightness at which the view is shown again: hair that moves casts its shadow elsewhere.
 const SHADES: [f32; 2] = [0.5, 0.75];
 /// One in so many pixels teaches, of the view itself and of others.
-const TAUGHT: (usize, usize) = (2, 8);
+const TAUGHT: (usize, usize) = (4, 16);
 
 /// What hair looks like in a view: hair against skin, markers and the plate between strands. Nothing where the key frame shows
 /// no subject, or one that is all hair or has none.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HairLook(Option<Boosted>);
 
+/// What the key frame of a view teaches other views: it may show shadowed skin that they show only later, or never.
+/// Nothing where its sizes do not agree and where it shows no subject.
+pub struct HairLesson(Option<Lesson>);
+
+impl HairLesson {
+    /// Of a key frame.
+    pub fn of(key: &KeyView, settings: &MasksSettings) -> Self {
+        let matte = key.is_of_one_size().then(|| key.matte(settings));
+        let shown = matte.and_then(|matte| around(&matte).map(|region| taught(key, &matte, region, OTHERS, TAUGHT.1)));
+        Self(shown)
+    }
+}
+
 impl HairLook {
-    /// Learns from the key frame of a view, and, with less weight, from those of the others: a view may show shadowed skin
-    /// later that only others show yet. Others whose sizes do not agree are passed over.
+    /// Learns from the key frame of a view, and, with less weight, from those of the others.
     ///
     /// # Errors
     /// Sizes of the view itself differ.
-    pub fn learn(
+    pub fn learn<'a>(
         place: &Place,
         own: &KeyView,
-        others: &[KeyView],
+        others: impl IntoIterator<Item = &'a HairLesson>,
         settings: &MasksSettings,
     ) -> Result<Self, StageError> {
         own.must_be_of_one_size(place)?;
         let matte = own.matte(settings);
         let Some(region) = around(&matte) else { return Ok(Self(None)) };
         let mut lesson = taught(own, &matte, region, 1.0, TAUGHT.0);
-        for key in others.iter().filter(|key| key.is_of_one_size()) {
-            let matte = key.matte(settings);
-            around(&matte).into_iter().for_each(|region| lesson.add(taught(key, &matte, region, OTHERS, TAUGHT.1)));
-        }
+        others.into_iter().filter_map(|HairLesson(other)| other.as_ref()).for_each(|other| lesson.add(other));
         for shade in SHADES {
             let image = own.image.map(|colour| colour.map(|code| (f32::from(code) * shade).round() as u8));
-            lesson.add(taught(&KeyView { image: &image, ..*own }, &matte, region, OTHERS, TAUGHT.0));
+            lesson.add(&taught(&KeyView { image: &image, ..*own }, &matte, region, OTHERS, TAUGHT.0));
         }
         Ok(Self(lesson.learnt()))
     }
 
-    /// Log odds of hair at every pixel of a region of an image; 0 where nothing was learnt.
-    pub fn hair_odds(&self, image: &RgbImage, plate: &RgbImage, subject: &Mask, region: Region) -> Vec<f32> {
-        match &self.0 {
-            Some(model) => model.log_odds(&hair_columns((image, plate), subject, region)),
-            None => vec![0.0; region.width * region.height],
-        }
+    /// Log odds of hair at the pixels of a region of an image that are within `reach` of the subject; 0 at the others, and
+    /// where nothing was learnt.
+    pub fn hair_odds(
+        &self,
+        image: &RgbImage,
+        plate: &RgbImage,
+        subject: &Mask,
+        region: Region,
+        reach: usize,
+    ) -> Vec<f32> {
+        let Some(model) = &self.0 else { return vec![0.0; region.width * region.height] };
+        let asked = dilated(&region.crop(subject, |&m| m > 0), reach);
+        odds_at(model, &hair_columns((image, plate), subject, region), &asked)
     }
 }
 
@@ -79,7 +101,8 @@ fn hair_columns((image, plate): (&RgbImage, &RgbImage), subject: &Mask, region: 
     let luma = region.crop(image, |&colour| luma_of(colour));
     let mut columns = Vec::new();
     for sigma in [0.7, 1.5, 3.0] {
-        let [r, g, b] = [0, 1, 2].map(|c| gaussian_where(&rgb[c], &weight, sigma));
+        let window = Window::new(&weight, sigma);
+        let [r, g, b] = [0, 1, 2].map(|c| window.mean(&rgb[c], &weight));
         let ratio = |(a, b): (&f32, &f32)| ((a + 5.0) / (b + 5.0)).ln();
         columns.push(r.data.iter().zip(&g.data).map(ratio).collect());
         columns.push(g.data.iter().zip(&b.data).map(ratio).collect());

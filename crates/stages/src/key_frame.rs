@@ -60,10 +60,10 @@ impl Lesson {
         Self { columns: columns_at(columns, pixels), target, weight: vec![weight; pixels.len()] }
     }
 
-    pub(crate) fn add(&mut self, more: Self) {
-        self.columns.iter_mut().zip(more.columns).for_each(|(all, column)| all.extend(column));
-        self.target.extend(more.target);
-        self.weight.extend(more.weight);
+    pub(crate) fn add(&mut self, more: &Self) {
+        self.columns.iter_mut().zip(&more.columns).for_each(|(all, column)| all.extend(column));
+        self.target.extend(&more.target);
+        self.weight.extend(&more.weight);
     }
 
     /// Trees; `None` where a class is empty.
@@ -75,6 +75,15 @@ impl Lesson {
 /// The features of some pixels.
 pub(crate) fn columns_at(columns: &[Vec<f32>], pixels: &[usize]) -> Vec<Vec<f32>> {
     columns.iter().map(|column| pixels.iter().map(|&i| column[i]).collect()).collect()
+}
+
+/// The log odds at some pixels of all features; 0 at the others.
+pub(crate) fn odds_at(model: &Boosted, columns: &[Vec<f32>], asked: &Plane<bool>) -> Vec<f32> {
+    let pixels: Vec<usize> = (0..asked.data.len()).filter(|&i| asked.data[i]).collect();
+    let mut odds = vec![0.0; asked.data.len()];
+    let found = model.log_odds(&columns_at(columns, &pixels));
+    pixels.into_iter().zip(found).for_each(|(i, found)| odds[i] = found);
+    odds
 }
 
 /// The channels of a region \[code values\].

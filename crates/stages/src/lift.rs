@@ -12,7 +12,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Camera, Grid, Mask, Occupancy, Place, Plane, Report, Rig, SparseVoxels};
-use strandflow_geometry::project::{depth, plane_normal, project};
+use strandflow_geometry::project::{plane_normal, project_with_depth};
 use strandflow_volume::{
     tensor::Tensor,
     visibility::{DepthMap, surface_voxels},
@@ -106,7 +106,7 @@ impl LiftSettings {
 const INLIER_SINE: f32 = 0.26;
 /// Two planes closer than this have no usable intersection (sine of 12°).
 const PAIR_SINE: f32 = 0.2;
-/// Most views that are weighed for one voxel.
+/// Most views that are weighed for one voxel; a multiple of [`LANES`].
 const MAX_VIEWS: usize = 32;
 
 /// Share of the lines of several views that a view must agree with, to be believed where only one other sees the place.
@@ -130,7 +130,8 @@ pub fn lift(
     let lifter = Lifter { views, mode, settings, band_mm: band_mm(mode, settings, grid.voxel_mm) };
 
     let in_brick = |corner: [usize; 3]| brick(input.hull, corner).filter_map(|voxel| lifter.line_in(&grid, voxel));
-    let mut found: Vec<(u32, Lifted)> = bricks(&grid).into_par_iter().flat_map_iter(in_brick).collect();
+    let bricks = near_surface(input.hull, f64::from(lifter.band_mm));
+    let mut found: Vec<(u32, Lifted)> = bricks.into_par_iter().flat_map_iter(in_brick).collect();
     found.sort_unstable_by_key(|(voxel, _)| *voxel);
     let reliable = reliable(found.iter().map(|(_, lifted)| lifted));
     found.retain(|(_, lifted)| lifted.line.views > 2 || lifted.asked & !reliable == 0);
@@ -167,11 +168,34 @@ fn reliable<'a>(found: impl Iterator<Item = &'a Lifted>) -> u32 {
 /// worked on; along a row of the grid every voxel would wait for memory.
 const BRICK: usize = 8;
 
-/// The first corners of all bricks of a grid.
-fn bricks(grid: &Grid) -> Vec<[usize; 3]> {
-    let [nx, ny, nz] = grid.dims;
-    let along = |n: usize| (0..n).step_by(BRICK);
-    along(nz).flat_map(|z| along(ny).flat_map(move |y| along(nx).map(move |x| [x, y, z]))).collect()
+/// The first corners of the bricks of a hull in which a voxel can be seen within `band_mm` behind the first surface.
+fn near_surface(hull: &Occupancy, band_mm: f64) -> Vec<[usize; 3]> {
+    let grid = &hull.grid;
+    let counts = grid.dims.map(|n| n.div_ceil(BRICK));
+    let number = |[x, y, z]: [usize; 3]| (z * counts[1] + y) * counts[0] + x;
+    let all = || {
+        let [nx, ny, nz] = counts;
+        (0..nz).flat_map(move |z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])))
+    };
+    let full: Vec<bool> = all().map(|at| is_full(hull, at.map(|c| c * BRICK))).collect();
+    // Depth maps are right to about a voxel.
+    let reach = ((band_mm / grid.voxel_mm + 2.0) / BRICK as f64).ceil() as usize;
+    let is_near = |at: &[usize; 3]| {
+        let range = |axis: usize| at[axis].saturating_sub(reach)..=(at[axis] + reach).min(counts[axis] - 1);
+        let within = (0..3).all(|axis| at[axis] >= reach && at[axis] + reach < counts[axis]);
+        let deep = || range(2).all(|z| range(1).all(|y| range(0).all(|x| full[number([x, y, z])])));
+        !(within && deep())
+    };
+    all().filter(is_near).map(|at| at.map(|c| c * BRICK)).collect()
+}
+
+/// Whether all voxels of a brick are occupied; one that stands over the grid is not.
+fn is_full(hull: &Occupancy, [x, y, z]: [usize; 3]) -> bool {
+    const ROW: u64 = (1 << BRICK) - 1;
+    let grid = &hull.grid;
+    let within = [x, y, z].iter().zip(grid.dims).all(|(c, n)| c + BRICK <= n);
+    let row = |y: usize, z: usize| hull.bits_from(grid.index([x, y, z]) as isize) & ROW;
+    within && (z..z + BRICK).all(|z| (y..y + BRICK).all(|y| row(y, z) == ROW))
 }
 
 /// The occupied voxels of a brick.
@@ -255,11 +279,12 @@ impl Lifter<'_> {
         let votes = &list[..count];
         let trust = self.trust(votes)?;
         let direction = match self.mode {
-            Mode::Paper => least_squares(votes, |_| 1.0)?,
+            Mode::Paper => least_squares(votes, &votes.iter().map(|vote| vote.weight).collect::<Vec<_>>())?,
             Mode::Robust => {
-                let mut line = best_intersection(votes)?;
+                let ballot = Ballot::new(votes);
+                let mut line = ballot.best_intersection(votes)?;
                 for _ in 0..2 {
-                    line = least_squares(votes, |vote| robust_weight(vote, line))?;
+                    line = least_squares(votes, &ballot.weights(line))?;
                 }
                 line
             }
@@ -280,10 +305,10 @@ impl Lifter<'_> {
     /// What one view says: nothing where the point is hidden, out of view, off the hair or has no sure orientation.
     fn vote(&self, number: usize, point: glam::DVec3) -> Option<Vote> {
         let view = &self.views[number];
-        let pixel = project(view.camera, point)?;
+        let (pixel, depth) = project_with_depth(view.camera, point)?;
         let &(normal, confidence) = view.planes.at_point(pixel.x, pixel.y)?;
         (confidence >= self.settings.min_confidence).then_some(())?;
-        let behind = view.depth.behind_at(pixel, depth(view.camera, point))?;
+        let behind = view.depth.behind_at(pixel, depth)?;
         (behind <= self.band_mm).then_some(())?;
         // A view that looks through more of the hull than others sees the surface at a more grazing angle.
         let slant = match self.mode {
@@ -311,7 +336,7 @@ impl Lifter<'_> {
         (usize::from(views) >= votes.len().min(3) && weight > 0.0).then_some(())?;
         let residual = (squares / weight).sqrt().asin();
         (residual <= self.settings.max_residual_deg.to_radians()).then_some(())?;
-        let gap = (spread * (1.0 / weight)).eigen()[1].0;
+        let gap = (spread * (1.0 / weight)).eigenvalues()[1];
         (gap >= self.settings.min_gap).then_some(())?;
         // Sure orientations, small residual, planes well apart, and no loud dissent.
         let all: f32 = votes.iter().map(|vote| vote.weight).sum();
@@ -322,40 +347,75 @@ impl Lifter<'_> {
     }
 }
 
-/// The weight of a vote for a line: less where the line points at the camera (its image direction says little then) and
-/// where the plane misses it (Geman–McClure).
-fn robust_weight(vote: &Vote, line: Vec3) -> f32 {
-    let seen = 1.0 - vote.towards_camera.dot(line).powi(2);
-    let miss = vote.normal.dot(line) / (0.5 * INLIER_SINE);
-    seen / (1.0 + miss * miss).powi(2)
-}
-
 /// The direction that minimises Σ w (n·d)².
-fn least_squares(votes: &[Vote], factor: impl Fn(&Vote) -> f32) -> Option<Vec3> {
+fn least_squares(votes: &[Vote], weights: &[f32]) -> Option<Vec3> {
     let mut sum = Tensor::default();
-    for vote in votes {
-        sum += Tensor::of_line(vote.normal) * (vote.weight * factor(vote));
+    for (vote, &weight) in votes.iter().zip(weights) {
+        sum += Tensor::of_line(vote.normal) * weight;
     }
-    let [.., (_, direction)] = sum.eigen();
-    direction.is_finite().then_some(direction)
+    sum.trace().is_finite().then(|| sum.least_direction())
 }
 
-/// The intersection of two planes on which most of the weight agrees: a medoid of real candidates.
-fn best_intersection(votes: &[Vote]) -> Option<Vec3> {
-    let mut best = (0.0, None);
-    for (i, a) in votes.iter().enumerate() {
-        for b in &votes[..i] {
-            let cross = a.normal.cross(b.normal);
-            let sine = cross.length();
-            if sine < PAIR_SINE {
-                continue;
+/// Votes side by side, so that a line is weighed against several at once. What lies beyond the last vote is zero.
+struct Ballot {
+    count: usize,
+    normals: [[f32; MAX_VIEWS]; 3],
+    towards_camera: [[f32; MAX_VIEWS]; 3],
+    weights: [f32; MAX_VIEWS],
+}
+
+/// Votes that are weighed at once.
+const LANES: usize = 4;
+
+impl Ballot {
+    fn new(votes: &[Vote]) -> Self {
+        let mut ballot = Self {
+            count: votes.len(),
+            normals: [[0.0; MAX_VIEWS]; 3],
+            towards_camera: [[0.0; MAX_VIEWS]; 3],
+            weights: [0.0; MAX_VIEWS],
+        };
+        for (i, vote) in votes.iter().enumerate() {
+            for axis in 0..3 {
+                ballot.normals[axis][i] = vote.normal[axis];
+                ballot.towards_camera[axis][i] = vote.towards_camera[axis];
             }
-            let line = cross / sine;
-            let support: f32 = votes.iter().map(|vote| vote.weight * robust_weight(vote, line)).sum();
-            if support > best.0 {
-                best = (support, Some(line));
+            ballot.weights[i] = vote.weight;
+        }
+        ballot
+    }
+
+    /// The weights of the votes for a line: less where the line points at the camera (its image direction says little then)
+    /// and where the plane misses it (Geman–McClure).
+    fn weights(&self, line: Vec3) -> [f32; MAX_VIEWS] {
+        let mut weights = [0.0; MAX_VIEWS];
+        let Self { normals: [nx, ny, nz], towards_camera: [tx, ty, tz], weights: given, .. } = self;
+        // Whole packs, so that the loop runs on them.
+        for i in 0..self.count.next_multiple_of(LANES).min(MAX_VIEWS) {
+            let seen = 1.0 - (tx[i] * line.x + ty[i] * line.y + tz[i] * line.z).powi(2);
+            let miss = (nx[i] * line.x + ny[i] * line.y + nz[i] * line.z) / (0.5 * INLIER_SINE);
+            weights[i] = given[i] * (seen / (1.0 + miss * miss).powi(2));
+        }
+        weights
+    }
+
+    /// The intersection of two planes on which most of the weight agrees: a medoid of real candidates.
+    fn best_intersection(&self, votes: &[Vote]) -> Option<Vec3> {
+        let mut best = (0.0, None);
+        for (i, a) in votes.iter().enumerate() {
+            for b in &votes[..i] {
+                let cross = a.normal.cross(b.normal);
+                let sine = cross.length();
+                if sine < PAIR_SINE {
+                    continue;
+                }
+                let line = cross / sine;
+                let support: f32 = self.weights(line)[..self.count].iter().sum();
+                if support > best.0 {
+                    best = (support, Some(line));
+                }
             }
         }
+        best.1
     }
-    best.1
 }

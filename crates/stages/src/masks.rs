@@ -200,7 +200,9 @@ fn decided_hair(
     let Some(region) = around(matte) else { return within(carried, subject) };
     let coverage = region.crop(matte, |&m| f32::from(m) / 255.0);
     let prior = region.crop(carried, |&m| f32::from(m) / 255.0);
-    let odds = look.hair_odds(input.image, input.plate, matte, region);
+    // What the blur below still sees of decisions beside the subject.
+    let reach = (3.0 * settings.look_px).ceil() as usize + 1;
+    let odds = look.hair_odds(input.image, input.plate, matte, region, reach);
     let share = |i: usize| {
         // The flow is never surer than 1 in 25: it slips at every border.
         let p = (prior.data[i] / coverage.data[i].max(0.3)).clamp(0.04, 0.96);

@@ -280,30 +280,36 @@ fn supported(mut pooled: OrientationEnergy, sigma: f32) -> OrientationEnergy {
     let agreed = |plane: &Plane<f32>| {
         let share = |i: usize| {
             let total = pooled.total.data[i].max(1e-12);
-            let agreement = pooled.cos2.data[i].hypot(pooled.sin2.data[i]) / total;
+            let agreement = length(pooled.cos2.data[i], pooled.sin2.data[i]) / total;
             agreement * plane.data[i] / total
         };
         Plane { data: (0..n).map(share).collect(), ..*plane }
     };
     let (c, s) = (agreed(&pooled.cos2), agreed(&pooled.sin2));
     let (wide_c, wide_s) = (gaussian(&c, sigma), gaussian(&s, sigma));
-    let strength = gaussian(&Plane { data: (0..n).map(|i| c.data[i].hypot(s.data[i])).collect(), ..c }, sigma);
+    let strength = gaussian(&Plane { data: (0..n).map(|i| length(c.data[i], s.data[i])).collect(), ..c }, sigma);
     for i in 0..n {
-        let coherence = wide_c.data[i].hypot(wide_s.data[i]) / strength.data[i].max(1e-9);
-        let own = pooled.cos2.data[i].hypot(pooled.sin2.data[i]) / pooled.total.data[i].max(1e-12);
-        let length = own.sqrt() * coherence.powi(4) * pooled.total.data[i];
+        let coherence = length(wide_c.data[i], wide_s.data[i]) / strength.data[i].max(1e-9);
+        let own = length(pooled.cos2.data[i], pooled.sin2.data[i]) / pooled.total.data[i].max(1e-12);
+        let trusted = own.sqrt() * coherence.powi(4) * pooled.total.data[i];
         let (x, y) = (c.data[i] + 0.5 * wide_c.data[i], s.data[i] + 0.5 * wide_s.data[i]);
-        let norm = x.hypot(y);
+        let norm = length(x, y);
         if norm > 0.0 {
-            (pooled.cos2.data[i], pooled.sin2.data[i]) = (x / norm * length, y / norm * length);
+            (pooled.cos2.data[i], pooled.sin2.data[i]) = (x / norm * trusted, y / norm * trusted);
         }
     }
     pooled
 }
 
+/// Of energies, which neither overflow nor vanish when squared.
+fn length(x: f32, y: f32) -> f32 {
+    (x * x + y * y).sqrt()
+}
+
 /// The angle in [0, π) of a doubled-angle vector \[rad\].
 fn angle_of(cos2: f32, sin2: f32) -> f32 {
-    let angle = (0.5 * sin2.atan2(cos2)).rem_euclid(std::f32::consts::PI);
+    let half = 0.5 * sin2.atan2(cos2);
+    let angle = if half < 0.0 { half + std::f32::consts::PI } else { half };
     if angle >= std::f32::consts::PI { 0.0 } else { angle }
 }
 
@@ -314,7 +320,7 @@ fn read_out(pooled: &OrientationEnergy, inside: &Plane<bool>) -> (Plane<f32>, Pl
             return (0.0, 0.0);
         }
         let (c, s, total) = (pooled.cos2.data[i], pooled.sin2.data[i], pooled.total.data[i]);
-        (angle_of(c, s), if total > 0.0 { (c.hypot(s) / total).min(1.0) } else { 0.0 })
+        (angle_of(c, s), if total > 0.0 { (length(c, s) / total).min(1.0) } else { 0.0 })
     };
     let (angle, confidence) = (0..inside.data.len()).map(at).unzip();
     let plane = |data| Plane { width: inside.width, height: inside.height, data };

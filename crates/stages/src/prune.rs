@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use strandflow_core::{Camera, Grid, Occupancy, Place, Plane, Report, Rig, Strands};
 use strandflow_geometry::{
     order::map_places,
-    project::{depth, project, project_direction},
+    project::{project_direction, project_with_depth},
 };
 use strandflow_volume::{
     tensor::Tensor,
@@ -209,9 +209,9 @@ impl<'a> View<'a> {
     /// Angle between a tangent at a point and the orientation there, and its weight; `None` where the view says nothing.
     fn error(&self, point: Vec3, tangent: Vec3, visible_mm: f32) -> Option<(f32, f32)> {
         let at = point.as_dvec3();
-        let pixel = project(self.camera, at)?;
+        let (pixel, depth) = project_with_depth(self.camera, at)?;
         let &Pixel { first, angle, confidence } = self.pixels.at_point(pixel.x, pixel.y)?;
-        let seen = first.is_finite() && depth(self.camera, at) as f32 - first <= visible_mm;
+        let seen = first.is_finite() && depth as f32 - first <= visible_mm;
         (confidence > 0.0 && seen).then_some(())?;
         let direction = project_direction(self.camera, at, tangent.as_dvec3())?.as_vec2();
         // A strand that points at the camera has no sure direction in the image.
@@ -266,26 +266,34 @@ fn good_until(points: &[Vec3], (votes, stride): (&[(f32, f32)], usize), settings
 fn against_voxel_field(input: &PruneInput, settings: &PruneSettings, lengths: &[usize], flags: &mut [u8]) {
     let grid = &input.hull.grid;
     let strands = input.strands;
-    // (voxel, strand, tangent), sorted by voxel, then strand.
-    let mut entries: Vec<(u32, u32, Vec3)> = Vec::new();
+    let mut entries: Vec<(u32, Vec3)> = Vec::new();
+    // The voxel in the upper half, the entry in the lower.
+    let mut places: Vec<u64> = Vec::new();
     for n in (0..strands.strand_count()).filter(|&n| flags[n] == KEPT) {
         let points = &strands.strand(n)[..lengths[n]];
         for (i, point) in points.iter().enumerate() {
             if let Some(voxel) = grid.voxel_at(point.as_dvec3()) {
-                entries.push((grid.index(voxel) as u32, n as u32, tangent(points, i)));
+                places.push((grid.index(voxel) as u64) << 32 | entries.len() as u64);
+                entries.push((n as u32, tangent(points, i)));
             }
         }
     }
-    entries.sort_by_key(|&(voxel, strand, _)| (voxel, strand));
+    places.sort_unstable();
+    let entries: Vec<(u32, Vec3)> = places.iter().map(|&place| entries[place as u32 as usize]).collect();
+    let same_voxel = |a: &u64, b: &u64| a >> 32 == b >> 32;
+    let in_voxels: Vec<usize> = places.chunk_by(same_voxel).map(<[u64]>::len).collect();
     let half = settings.half_weight_deg.to_radians().sin().powi(2);
     let mut weights = vec![1.0f32; strands.strand_count()];
     for _ in 0..settings.turns {
         let (mut sums, mut counts) = (vec![0.0f32; weights.len()], vec![0u32; weights.len()]);
-        for voxel in entries.chunk_by(|a, b| a.0 == b.0) {
+        let mut rest = &entries[..];
+        for &count in &in_voxels {
+            let voxel;
+            (voxel, rest) = rest.split_at(count);
             let mut field = Tensor::default();
-            voxel.iter().for_each(|&(_, n, d)| field += Tensor::of_line(d) * weights[n as usize]);
+            voxel.iter().for_each(|&(n, d)| field += Tensor::of_line(d) * weights[n as usize]);
             let (common, _) = field.principal(field.rough_direction());
-            for &(_, n, d) in voxel {
+            for &(n, d) in voxel {
                 let sine_squared = 1.0 - common.dot(d).powi(2);
                 sums[n as usize] += 1.0 / (1.0 + sine_squared / half);
                 counts[n as usize] += 1;

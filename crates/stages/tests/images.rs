@@ -100,7 +100,7 @@ fn hair_is_carried_over_five_frames_from_the_first_mask() {
     let (key_image, _, key_hair) = head_scene(0.0, 1);
     let settings = masks::MasksSettings::default();
     let key = KeyView { image: &key_image, plate: &plate, hair: &key_hair, subject: None };
-    let look = HairLook::learn(&Place::default(), &key, &[], &settings).unwrap();
+    let look = HairLook::learn(&Place::default(), &key, [], &settings).unwrap();
     let edge = HairEdge::learn(&Place::default(), &key, &settings).unwrap();
     for mode in [Mode::Paper, Mode::Robust] {
         let mut before: Option<(RgbImage, masks::Masks)> = None;
@@ -161,7 +161,7 @@ fn a_fringe_is_thinned_where_the_wall_is_behind_it_and_not_where_skin_is() {
     let (key_image, _, key_hair) = fringe_scene(1);
     let (settings, place) = (masks::MasksSettings::default(), Place::default());
     let key = KeyView { image: &key_image, plate: &plate, hair: &key_hair, subject: None };
-    let look = HairLook::learn(&place, &key, &[], &settings).unwrap();
+    let look = HairLook::learn(&place, &key, [], &settings).unwrap();
     let edge = HairEdge::learn(&place, &key, &settings).unwrap();
     let (image, subject, _) = fringe_scene(2);
     let [matte, thinned] = [Mode::Paper, Mode::Robust].map(|mode| {
@@ -192,16 +192,16 @@ fn a_key_frame_of_another_size_or_without_hair_is_no_disaster() {
     let (settings, place) = (masks::MasksSettings::default(), Place::default());
     let small = Plane::filled(149, 130, 0u8);
     let key = |image, hair| KeyView { image, plate: &plate, hair, subject: None };
-    let error = HairLook::learn(&place, &key(&image, &small), &[], &settings);
+    let error = HairLook::learn(&place, &key(&image, &small), [], &settings);
     assert!(matches!(error, Err(StageError::Input { .. })));
     let error = HairEdge::learn(&place, &key(&image, &small), &settings);
     assert!(matches!(error, Err(StageError::Input { .. })));
     // A bald head and an empty scene teach nothing; the mask carried by flow is then kept.
     let bald = hair.map(|_| 0u8);
     for (image, hair) in [(&image, &bald), (&plate, &hair)] {
-        let look = HairLook::learn(&place, &key(image, hair), &[], &settings).unwrap();
+        let look = HairLook::learn(&place, &key(image, hair), [], &settings).unwrap();
         let region = strandflow_image::region::Region::whole(hair);
-        assert!(look.hair_odds(image, &plate, hair, region).iter().all(|&o| o == 0.0));
+        assert!(look.hair_odds(image, &plate, hair, region, 3).iter().all(|&o| o == 0.0));
         let edge = HairEdge::learn(&place, &key(image, hair), &settings).unwrap();
         assert_eq!(edge.thinned(image, &plate, hair), *hair);
     }

@@ -11,13 +11,13 @@
 
 use std::ops::{Add, AddAssign, Mul};
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use strandflow_core::{Grid, Occupancy};
 
 use crate::{tensor::Tensor, velocity::VoxelIndex};
 
-/// Marks an absent neighbour.
+/// Marks an absent neighbour: beyond all positions.
 const ABSENT: u32 = u32::MAX;
 
 /// What can be diffused: a value, and the weight W of a constraint on it.
@@ -39,10 +39,27 @@ impl<T: Copy + Default + Send + Sync + Add<Output = T> + AddAssign + Mul<f32, Ou
 
 /// What a voxel adds to the pull between it and its neighbours, which is 1 in every direction without.
 pub trait Coupling<Q: Quantity>: Copy + Default + Send + Sync {
-    /// The pull of a neighbour along an axis (0, 1, 2) with this value.
-    fn pull(self, neighbour: Self, axis: usize, value: Q) -> Q;
+    /// What neighbours read of a voxel: its value, and what of the coupling depends on that voxel alone.
+    type Shown: Copy + Default + Send + Sync;
+    /// A sum over neighbours.
+    type Sum;
 
-    /// What the pull weighs beyond 1.
+    /// What a voxel of this value shows.
+    fn shown(self, value: Q) -> Self::Shown;
+
+    /// The value of a voxel.
+    fn value(shown: &Self::Shown) -> Q;
+
+    /// The sum before the first neighbour, of what is asked for.
+    fn asked(pull: Q) -> Self::Sum;
+
+    /// Adds the pull of a neighbour along an axis (0, 1, 2).
+    fn add(self, sum: &mut Self::Sum, neighbour: &Self::Shown, axis: usize);
+
+    /// The pull of all that was added.
+    fn total(self, sum: Self::Sum) -> Q;
+
+    /// What the pull of a neighbour weighs beyond 1.
     fn weight(self, neighbour: Self, axis: usize) -> Q::Weight;
 
     /// That of eight voxels together, of which `count` are present.
@@ -54,9 +71,32 @@ pub trait Coupling<Q: Quantity>: Copy + Default + Send + Sync {
 
 /// Neighbours pull evenly.
 impl<Q: Quantity> Coupling<Q> for () {
+    type Shown = Q;
+    type Sum = Q;
+
     #[inline]
-    fn pull(self, (): Self, _: usize, value: Q) -> Q {
+    fn shown(self, value: Q) -> Q {
         value
+    }
+
+    #[inline]
+    fn value(shown: &Q) -> Q {
+        *shown
+    }
+
+    #[inline]
+    fn asked(pull: Q) -> Q {
+        pull
+    }
+
+    #[inline]
+    fn add(self, sum: &mut Q, neighbour: &Q, _: usize) {
+        *sum += *neighbour;
+    }
+
+    #[inline]
+    fn total(self, sum: Q) -> Q {
+        sum
     }
 
     fn weight(self, (): Self, _: usize) -> Q::Weight {
@@ -83,11 +123,54 @@ impl Inextensible {
     }
 }
 
+/// What neighbours read of motion u along a line l that does not stretch.
+#[derive(Clone, Copy, Default)]
+pub struct Tied {
+    /// u.
+    value: Vec4,
+    /// l (l·u) / 2.
+    along: Vec4,
+    /// The squares of l along each axis.
+    squares: [f32; 3],
+}
+
+/// The sums over the neighbours j of uⱼ + lⱼ l_ja² (lⱼ·uⱼ) / 2, and of l_ia² uⱼ.
+pub struct Ties {
+    pull: Vec4,
+    weighted: Vec4,
+}
+
 impl Coupling<Vec3> for Inextensible {
+    type Shown = Tied;
+    type Sum = Ties;
+
     #[inline]
-    fn pull(self, neighbour: Self, axis: usize, value: Vec3) -> Vec3 {
-        let tie = |Self(line): Self| line * (0.5 * line[axis] * line[axis] * line.dot(value));
-        value + tie(self) + tie(neighbour)
+    fn shown(self, value: Vec3) -> Tied {
+        let Self(line) = self;
+        let along = line * (0.5 * line.dot(value));
+        Tied { value: value.extend(0.0), along: along.extend(0.0), squares: (line * line).to_array() }
+    }
+
+    #[inline]
+    fn value(shown: &Tied) -> Vec3 {
+        shown.value.truncate()
+    }
+
+    #[inline]
+    fn asked(pull: Vec3) -> Ties {
+        Ties { pull: pull.extend(0.0), weighted: Vec4::ZERO }
+    }
+
+    #[inline]
+    fn add(self, sum: &mut Ties, neighbour: &Tied, axis: usize) {
+        sum.pull += neighbour.value + neighbour.along * neighbour.squares[axis];
+        sum.weighted += neighbour.value * (self.0[axis] * self.0[axis]);
+    }
+
+    #[inline]
+    fn total(self, sum: Ties) -> Vec3 {
+        let Self(line) = self;
+        sum.pull.truncate() + line * (0.5 * line.dot(sum.weighted.truncate()))
     }
 
     fn weight(self, neighbour: Self, axis: usize) -> Tensor {
@@ -171,155 +254,211 @@ pub fn diffuse<Q: Quantity, C: Coupling<Q>>(
     couplings: &[C],
     solver: &Solver,
 ) -> Vec<Q> {
-    let mut levels = vec![Level::new(*grid, indices.to_vec(), (constraints, couplings), solver.leak)];
-    for _ in 1..solver.levels {
-        let next = levels[levels.len() - 1].coarser();
-        if next.indices.len() < 64 {
-            break;
-        }
-        levels.push(next);
-    }
-    let mut coarse: Option<(Level<Q, C>, Vec<Q>)> = None;
-    while let Some(level) = levels.pop() {
-        let start = match &coarse {
-            Some((parent, solution)) => level.prolong(parent, solution),
-            // What is asked for where it is asked for; the small diagonal keeps unmeasured directions at zero.
-            None => level.constraints.iter().map(|c| Q::apply(&Q::inverse(c.weight, 1e-3), c.pull)).collect(),
-        };
-        let sweeps = if coarse.is_none() && solver.levels > 1 { 4 * solver.sweeps } else { solver.sweeps };
-        let solution = level.relax(start, sweeps, solver.relaxation);
-        coarse = Some((level, solution));
-    }
-    coarse.map(|(_, solution)| solution).unwrap_or_default()
+    Diffusion::new(grid, indices, couplings, solver).solve(constraints)
 }
 
-/// One resolution.
-struct Level<Q: Quantity, C: Coupling<Q>> {
+/// Voxels and their couplings at all resolutions, for several sets of constraints.
+pub struct Diffusion<Q: Quantity, C: Coupling<Q>> {
+    /// The finest first.
+    levels: Vec<Level<Q, C>>,
+    solver: Solver,
+}
+
+impl<Q: Quantity, C: Coupling<Q>> Diffusion<Q, C> {
+    /// Of the voxels of `grid` with these linear `indices` (strictly rising), one coupling each.
+    pub fn new(grid: &Grid, indices: &[u32], couplings: &[C], solver: &Solver) -> Self {
+        let mut finest = Occupancy::empty(*grid);
+        indices.iter().for_each(|&index| finest.set(index as usize, true));
+        let mut voxels = Voxels { lookup: VoxelIndex::new(&finest), indices: indices.to_vec() };
+        let mut couplings = couplings.to_vec();
+        let mut leak = solver.leak;
+        let mut levels: Vec<Level<Q, C>> = Vec::new();
+        for _ in 1..solver.levels {
+            let (coarser, parents) = voxels.coarser();
+            if coarser.indices.len() < 64 {
+                break;
+            }
+            let merged = merged(&couplings, &parents, coarser.indices.len());
+            levels.push(Level::new(&voxels, &couplings, parents, leak));
+            (voxels, couplings, leak) = (coarser, merged, 4.0 * leak);
+        }
+        levels.push(Level::new(&voxels, &couplings, Vec::new(), leak));
+        Self { levels, solver: *solver }
+    }
+
+    /// The diffused values, one a voxel, of one constraint each.
+    pub fn solve(&self, constraints: &[Constraint<Q>]) -> Vec<Q> {
+        let mut asked = vec![constraints.to_vec()];
+        for pair in self.levels.windows(2) {
+            asked.push(pair[0].asked_of_parents(&asked[asked.len() - 1], pair[1].count));
+        }
+        let mut coarse: Option<Vec<Q>> = None;
+        for (level, constraints) in self.levels.iter().zip(&asked).rev() {
+            let start = match &coarse {
+                // The parent's value at each voxel.
+                Some(solution) => level.parents.iter().map(|&parent| solution[parent as usize]).collect(),
+                // What is asked for where it is asked for; the small diagonal keeps unmeasured directions at zero.
+                None => constraints.iter().map(|c| Q::apply(&Q::inverse(c.weight, 1e-3), c.pull)).collect(),
+            };
+            let longer = if coarse.is_none() && self.solver.levels > 1 { 4 } else { 1 };
+            coarse = Some(level.relax(constraints, start, longer * self.solver.sweeps, self.solver.relaxation));
+        }
+        coarse.unwrap_or_default()
+    }
+}
+
+/// The voxels of one resolution.
+struct Voxels {
     lookup: VoxelIndex,
     indices: Vec<u32>,
-    constraints: Vec<Constraint<Q>>,
-    couplings: Vec<C>,
-    leak: f32,
 }
 
-impl<Q: Quantity, C: Coupling<Q>> Level<Q, C> {
-    fn new(grid: Grid, indices: Vec<u32>, (constraints, couplings): (&[Constraint<Q>], &[C]), leak: f32) -> Self {
-        let mut occupancy = Occupancy::empty(grid);
-        indices.iter().for_each(|&index| occupancy.set(index as usize, true));
-        Self {
-            lookup: VoxelIndex::new(&occupancy),
-            indices,
-            constraints: constraints.to_vec(),
-            couplings: couplings.to_vec(),
-            leak,
-        }
-    }
-
-    /// Half the resolution. Against the pull of a neighbour, which doubles with the edge, the weights of the eight
-    /// children count half, and so does their leak: κ quadruples.
-    fn coarser(&self) -> Self {
+impl Voxels {
+    /// Those of half the resolution, and the position of the parent of each voxel among them.
+    fn coarser(&self) -> (Self, Vec<u32>) {
         let fine = self.lookup.grid;
         let grid = fine.halved();
         let mut occupancy = Occupancy::empty(grid);
         let parents: Vec<usize> = self.indices.iter().map(|&i| parent_of(&fine, &grid, i)).collect();
         parents.iter().for_each(|&parent| occupancy.set(parent, true));
         let lookup = VoxelIndex::new(&occupancy);
-        let mut constraints = vec![Constraint { pull: Q::default(), weight: Q::Weight::default() }; occupancy.count()];
-        let mut together = vec![(C::default(), 0); constraints.len()];
-        for ((&parent, child), &coupling) in parents.iter().zip(&self.constraints).zip(&self.couplings) {
-            let Some(rank) = lookup.rank(parent) else { continue };
-            constraints[rank].pull += child.pull * 0.5;
-            constraints[rank].weight += child.weight * 0.5;
-            let (sum, count) = &mut together[rank];
-            (*sum, *count) = (sum.joined(coupling), *count + 1);
-        }
-        let couplings = together.into_iter().map(|(sum, count)| C::merged(sum, count)).collect();
+        let parents = parents.into_iter().filter_map(|parent| lookup.rank(parent)).map(|rank| rank as u32).collect();
         let indices = occupancy.indices().map(|index| index as u32).collect();
-        Self { lookup, indices, constraints, couplings, leak: 4.0 * self.leak }
+        (Self { lookup, indices }, parents)
     }
 
-    /// The parent's value at each voxel.
-    fn prolong(&self, parent: &Self, solution: &[Q]) -> Vec<Q> {
-        let (fine, coarse) = (self.lookup.grid, parent.lookup.grid);
-        let value = |&index: &u32| parent.lookup.rank(parent_of(&fine, &coarse, index)).map(|rank| solution[rank]);
-        self.indices.par_iter().map(|index| value(index).unwrap_or_default()).collect()
+    /// The positions of a voxel's neighbours: down and up along each axis.
+    fn around(&self, rank: usize) -> [Option<usize>; 6] {
+        let [x, y, z] = self.lookup.grid.coordinates(self.indices[rank] as usize).map(|c| c as i64);
+        [[x - 1, y, z], [x + 1, y, z], [x, y - 1, z], [x, y + 1, z], [x, y, z - 1], [x, y, z + 1]]
+            .map(|voxel| self.lookup.rank_at(voxel))
     }
+}
 
-    /// Sweeps of over-relaxation: first all voxels of even coordinate sum, then all odd ones; neighbours differ in parity,
-    /// so that each half reads only the other.
-    fn relax(&self, start: Vec<Q>, sweeps: usize, relaxation: f32) -> Vec<Q> {
-        let grid = self.lookup.grid;
+/// The couplings of `count` parents.
+fn merged<Q: Quantity, C: Coupling<Q>>(couplings: &[C], parents: &[u32], count: usize) -> Vec<C> {
+    let mut together = vec![(C::default(), 0); count];
+    for (&parent, &coupling) in parents.iter().zip(couplings) {
+        let (sum, count) = &mut together[parent as usize];
+        (*sum, *count) = (sum.joined(coupling), *count + 1);
+    }
+    together.into_iter().map(|(sum, count)| C::merged(sum, count)).collect()
+}
+
+/// One resolution: its voxels by colour, those of even and those of odd coordinate sum. Neighbours differ in parity.
+struct Level<Q: Quantity, C: Coupling<Q>> {
+    count: usize,
+    /// The position of each voxel's parent at the next coarser resolution; empty at the coarsest.
+    parents: Vec<u32>,
+    colours: [Colour<Q, C>; 2],
+}
+
+/// The voxels of one colour.
+struct Colour<Q: Quantity, C> {
+    /// The position of each among all voxels.
+    ranks: Vec<u32>,
+    stencils: Vec<Stencil<C>>,
+    /// What the neighbours weigh beyond 1 each, and the number of neighbours and the leak.
+    weights: Vec<(Q::Weight, f32)>,
+}
+
+/// A voxel and its neighbours.
+struct Stencil<C> {
+    /// Positions within the other colour, down and up along each axis.
+    neighbours: [u32; 6],
+    coupling: C,
+}
+
+/// One voxel's equation: T = inverse (Σ pulls of the neighbours + pull).
+struct Equation<Q: Quantity> {
+    inverse: Q::Weight,
+    pull: Q,
+}
+
+impl<Q: Quantity, C: Coupling<Q>> Level<Q, C> {
+    fn new(voxels: &Voxels, couplings: &[C], parents: Vec<u32>, leak: f32) -> Self {
+        let grid = voxels.lookup.grid;
         let parity = |index: u32| grid.coordinates(index as usize).iter().sum::<usize>() % 2;
         // Position of each voxel within its colour.
-        let mut position = Vec::with_capacity(self.indices.len());
+        let mut position = Vec::with_capacity(voxels.indices.len());
         let mut members: [Vec<u32>; 2] = [Vec::new(), Vec::new()];
-        for (rank, &index) in self.indices.iter().enumerate() {
+        for (rank, &index) in voxels.indices.iter().enumerate() {
             let colour = &mut members[parity(index)];
             position.push(colour.len() as u32);
             colour.push(rank as u32);
         }
-        let [even, odd] = members.each_ref().map(|ranks| self.half(ranks, &position));
-        let [mut even_values, mut odd_values] =
-            members.each_ref().map(|ranks| ranks.iter().map(|&rank| start[rank as usize]).collect::<Vec<_>>());
-        let [even_couplings, odd_couplings] =
-            members.each_ref().map(|ranks| ranks.iter().map(|&rank| self.couplings[rank as usize]).collect::<Vec<_>>());
+        let of = |&rank: &u32| {
+            let (around, coupling) = (voxels.around(rank as usize), couplings[rank as usize]);
+            let mut weight = Q::Weight::default();
+            for (side, neighbour) in around.iter().enumerate() {
+                neighbour.iter().for_each(|&neighbour| weight += coupling.weight(couplings[neighbour], side / 2));
+            }
+            let present = around.iter().flatten().count() as f32;
+            let neighbours = around.map(|rank| rank.map_or(ABSENT, |rank| position[rank]));
+            (Stencil { neighbours, coupling }, (weight, present + leak))
+        };
+        let colours = members.map(|ranks| {
+            let (stencils, weights) = ranks.par_iter().map(of).unzip();
+            Colour { ranks, stencils, weights }
+        });
+        Self { count: voxels.indices.len(), parents, colours }
+    }
+
+    /// The constraints of half the resolution. Against the pull of a neighbour, which doubles with the edge, the weights of
+    /// the eight children count half, and so does their leak: κ quadruples.
+    fn asked_of_parents(&self, constraints: &[Constraint<Q>], count: usize) -> Vec<Constraint<Q>> {
+        let mut asked = vec![Constraint { pull: Q::default(), weight: Q::Weight::default() }; count];
+        for (&parent, child) in self.parents.iter().zip(constraints) {
+            asked[parent as usize].pull += child.pull * 0.5;
+            asked[parent as usize].weight += child.weight * 0.5;
+        }
+        asked
+    }
+
+    /// Sweeps of over-relaxation: first all even voxels, then all odd ones, so that each half reads only the other.
+    fn relax(&self, constraints: &[Constraint<Q>], start: Vec<Q>, sweeps: usize, relaxation: f32) -> Vec<Q> {
+        let [even, odd] = &self.colours;
+        let equations = [even, odd].map(|colour| colour.equations(constraints));
+        let [mut of_even, mut of_odd] = [even, odd].map(|colour| colour.shown(&start));
         for _ in 0..sweeps {
-            sweep(&even, &mut even_values, (&odd_values, &odd_couplings), relaxation);
-            sweep(&odd, &mut odd_values, (&even_values, &even_couplings), relaxation);
+            even.sweep(&equations[0], &mut of_even, &of_odd, relaxation);
+            odd.sweep(&equations[1], &mut of_odd, &of_even, relaxation);
         }
         let mut out = start;
-        for (ranks, values) in members.iter().zip([even_values, odd_values]) {
-            ranks.iter().zip(values).for_each(|(&rank, value)| out[rank as usize] = value);
+        for (colour, shown) in self.colours.iter().zip([of_even, of_odd]) {
+            colour.ranks.iter().zip(&shown).for_each(|(&rank, shown)| out[rank as usize] = C::value(shown));
         }
         out
     }
+}
 
-    /// The stencils of one colour.
-    fn half(&self, ranks: &[u32], position: &[u32]) -> Vec<Stencil<Q, C>> {
-        let grid = self.lookup.grid;
-        let stencil = |&rank: &u32| {
-            let [x, y, z] = grid.coordinates(self.indices[rank as usize] as usize).map(|c| c as i64);
-            let around = [[x - 1, y, z], [x + 1, y, z], [x, y - 1, z], [x, y + 1, z], [x, y, z - 1], [x, y, z + 1]];
-            let ranks = around.map(|voxel| self.lookup.rank_at(voxel));
-            let Constraint { pull, mut weight } = self.constraints[rank as usize];
-            let coupling = self.couplings[rank as usize];
-            for (side, rank) in ranks.iter().enumerate() {
-                let Some(neighbour) = rank else { continue };
-                weight += coupling.weight(self.couplings[*neighbour], side / 2);
-            }
-            let present = ranks.iter().flatten().count() as f32;
-            let neighbours = ranks.map(|rank| rank.map_or(ABSENT, |rank| position[rank]));
-            Stencil { neighbours, inverse: Q::inverse(weight, present + self.leak), pull, coupling }
+impl<Q: Quantity, C: Coupling<Q>> Colour<Q, C> {
+    fn equations(&self, constraints: &[Constraint<Q>]) -> Vec<Equation<Q>> {
+        let of = |(&rank, &(mut weight, diagonal)): (&u32, &(Q::Weight, f32))| {
+            let asked = &constraints[rank as usize];
+            weight += asked.weight;
+            Equation { inverse: Q::inverse(weight, diagonal), pull: asked.pull }
         };
-        ranks.par_iter().map(stencil).collect()
+        self.ranks.par_iter().zip(&self.weights).map(of).collect()
     }
-}
 
-/// One voxel's equation: T = inverse (Σ pulls of the neighbours + pull).
-struct Stencil<Q: Quantity, C> {
-    /// Down and up along each axis.
-    neighbours: [u32; 6],
-    inverse: Q::Weight,
-    pull: Q,
-    coupling: C,
-}
+    fn shown(&self, values: &[Q]) -> Vec<C::Shown> {
+        self.ranks.iter().zip(&self.stencils).map(|(&rank, s)| s.coupling.shown(values[rank as usize])).collect()
+    }
 
-fn sweep<Q: Quantity, C: Coupling<Q>>(
-    stencils: &[Stencil<Q, C>],
-    values: &mut [Q],
-    (others, couplings): (&[Q], &[C]),
-    relaxation: f32,
-) {
-    values.par_iter_mut().with_min_len(4096).zip(stencils).for_each(|(value, stencil)| {
-        let mut sum = stencil.pull;
-        for (side, &neighbour) in stencil.neighbours.iter().enumerate() {
-            if neighbour != ABSENT {
-                let (other, coupling) = (others[neighbour as usize], couplings[neighbour as usize]);
-                sum += stencil.coupling.pull(coupling, side / 2, other);
+    fn sweep(&self, equations: &[Equation<Q>], own: &mut [C::Shown], others: &[C::Shown], relaxation: f32) {
+        let voxels = own.par_iter_mut().with_min_len(4096).zip(&self.stencils).zip(equations);
+        voxels.for_each(|((shown, Stencil { neighbours, coupling }), equation)| {
+            let mut sum = C::asked(equation.pull);
+            for (side, &neighbour) in neighbours.iter().enumerate() {
+                if let Some(other) = others.get(neighbour as usize) {
+                    coupling.add(&mut sum, other, side / 2);
+                }
             }
-        }
-        *value = *value * (1.0 - relaxation) + Q::apply(&stencil.inverse, sum) * relaxation;
-    });
+            let target = Q::apply(&equation.inverse, coupling.total(sum));
+            *shown = coupling.shown(C::value(shown) * (1.0 - relaxation) + target * relaxation);
+        });
+    }
 }
 
 fn parent_of(fine: &Grid, coarse: &Grid, index: u32) -> usize {

@@ -7,7 +7,7 @@ use std::ops::Add;
 
 use glam::{DVec3, DVec4, Vec3, Vec4};
 use rayon::prelude::*;
-use strandflow_core::{Grid, Occupancy, SparseVoxels};
+use strandflow_core::{Grid, Occupancy, SparseVoxels, grid::floor};
 
 /// Where voxel `i` of a region has no neighbour.
 const ABSENT: u32 = u32::MAX;
@@ -17,24 +17,38 @@ const ABSENT: u32 = u32::MAX;
 pub struct VoxelIndex {
     /// The grid.
     pub grid: Grid,
-    words: Vec<u64>,
-    before: Vec<u32>,
+    words: Vec<Word>,
+}
+
+/// 64 voxels, side by side in memory with what their positions count from.
+#[derive(Clone, Copy, Debug)]
+struct Word {
+    bits: u64,
+    /// Voxels of the set in the words before.
+    before: u32,
+}
+
+impl Word {
+    fn has(self, bit: usize) -> bool {
+        self.bits >> bit & 1 == 1
+    }
+
+    /// The position of the first voxel of the set from a bit on.
+    fn position(self, bit: usize) -> usize {
+        self.before as usize + (self.bits & ((1u64 << bit) - 1)).count_ones() as usize
+    }
 }
 
 impl VoxelIndex {
     /// From bits.
     pub fn new(occupancy: &Occupancy) -> Self {
         let mut total = 0u32;
-        let before = occupancy
-            .words
-            .iter()
-            .map(|word| {
-                let here = total;
-                total += word.count_ones();
-                here
-            })
-            .collect();
-        Self { grid: occupancy.grid, words: occupancy.words.clone(), before }
+        let word = |&bits: &u64| {
+            let before = total;
+            total += bits.count_ones();
+            Word { bits, before }
+        };
+        Self { grid: occupancy.grid, words: occupancy.words.iter().map(word).collect() }
     }
 
     /// From the rising linear indices of a sparse set.
@@ -48,15 +62,64 @@ impl VoxelIndex {
     #[inline]
     pub fn rank(&self, index: usize) -> Option<usize> {
         let (word, bit) = (self.words[index / 64], index % 64);
-        let below = word & ((1u64 << bit) - 1);
-        (word >> bit & 1 == 1).then(|| self.before[index / 64] as usize + below.count_ones() as usize)
+        word.has(bit).then(|| word.position(bit))
     }
 
     /// Like `rank`, for signed voxel coordinates that may lie outside the grid.
     #[inline]
     pub fn rank_at(&self, voxel: [i64; 3]) -> Option<usize> {
+        self.index_at(voxel).and_then(|index| self.rank(index))
+    }
+
+    /// Whether the set holds a voxel; its coordinates may lie outside the grid.
+    #[inline]
+    pub fn holds(&self, voxel: [i64; 3]) -> bool {
+        self.index_at(voxel).is_some_and(|index| self.words[index / 64].has(index % 64))
+    }
+
+    /// The linear index of a voxel that lies in the grid.
+    #[inline]
+    fn index_at(&self, voxel: [i64; 3]) -> Option<usize> {
         let inside = (0..3).all(|axis| voxel[axis] >= 0 && (voxel[axis] as usize) < self.grid.dims[axis]);
-        if inside { self.rank(self.grid.index(voxel.map(|c| c as usize))) } else { None }
+        inside.then(|| self.grid.index(voxel.map(|c| c as usize)))
+    }
+
+    /// The positions of the eight voxels from one on, each either that or one higher along x (lowest bit), y and z.
+    #[inline]
+    pub fn corners(&self, [x, y, z]: [i64; 3]) -> [Option<usize>; 8] {
+        let mut corners = [None; 8];
+        if x < 0 || x + 1 >= self.grid.dims[0] as i64 {
+            for (corner, rank) in corners.iter_mut().enumerate() {
+                let [i, j, k] = [corner & 1, corner >> 1 & 1, corner >> 2].map(|c| c as i64);
+                *rank = self.rank_at([x + i, y + j, z + k]);
+            }
+            return corners;
+        }
+        for (row, pair) in corners.chunks_exact_mut(2).enumerate() {
+            let (j, k) = (row as i64 & 1, row as i64 >> 1);
+            let Some(index) = self.index_at([x, y + j, z + k]) else { continue };
+            let (word, bit) = (self.words[index / 64], index % 64);
+            let first = word.position(bit);
+            pair[0] = word.has(bit).then_some(first);
+            pair[1] = if bit < 63 {
+                word.has(bit + 1).then(|| first + usize::from(word.has(bit)))
+            } else {
+                self.rank(index + 1)
+            };
+        }
+        corners
+    }
+
+    /// Which of the `count` (1 to 64) voxels of a row from one on are in the set, the first in the lowest bit; coordinates
+    /// may lie outside the grid.
+    #[inline]
+    pub fn row_bits(&self, [x, y, z]: [i64; 3], count: i64) -> u64 {
+        let (from, to) = (x.max(0), (x + count).min(self.grid.dims[0] as i64));
+        let Some(index) = self.index_at([from, y, z]).filter(|_| from < to) else { return 0 };
+        let (word, bit) = (index / 64, index % 64);
+        let beyond = if bit == 0 { 0 } else { self.words.get(word + 1).map_or(0, |next| next.bits << (64 - bit)) };
+        let bits = self.words[word].bits >> bit | beyond;
+        (bits & (u64::MAX >> (64 - (to - from)))) << (from - x)
     }
 }
 
@@ -215,18 +278,15 @@ impl<'a> VelocitySampler<'a> {
         if !c.is_finite() {
             return None;
         }
-        let (base, f) = (c.floor(), (c - c.floor()).as_vec3());
+        let base = c.to_array().map(floor);
+        let f = (c - DVec3::from_array(base.map(|b| b as f64))).as_vec3();
         let (mut sum, mut total) = (Vec3::ZERO, 0.0f32);
-        for corner in 0..8u8 {
-            let bit = |axis: u8| f32::from(corner >> axis & 1);
-            let weight =
-                (0..3u8).map(|axis| bit(axis) * f[axis as usize] + (1.0 - bit(axis)) * (1.0 - f[axis as usize]));
-            let weight = weight.product::<f32>().max(1e-6);
-            let voxel = [0u8, 1, 2].map(|axis| base[axis as usize] as i64 + i64::from(corner >> axis & 1));
-            if let Some(rank) = self.lookup.rank_at(voxel) {
-                sum += self.values[rank] * weight;
-                total += weight;
-            }
+        for (corner, rank) in self.lookup.corners(base).into_iter().enumerate() {
+            let Some(rank) = rank else { continue };
+            let share = |axis: usize| if corner >> axis & 1 == 1 { f[axis] } else { 1.0 - f[axis] };
+            let weight = (share(0) * share(1) * share(2)).max(1e-6);
+            sum += self.values[rank] * weight;
+            total += weight;
         }
         (total > 0.0).then(|| sum / total)
     }
@@ -252,6 +312,22 @@ pub fn dilated(occupancy: &Occupancy) -> Occupancy {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn corners_and_rows_are_those_of_single_voxels() {
+        // Rows that begin anywhere in a word of 64, voxels by chance, and places on and beyond every border.
+        let grid = Grid { origin: DVec3::ZERO, voxel_mm: 2.0, dims: [37, 11, 9] };
+        let mut occupancy = Occupancy::empty(grid);
+        (0..grid.len()).for_each(|index| occupancy.set(index, index * index % 7 < 3));
+        let index = VoxelIndex::new(&occupancy);
+        for (z, y, x) in (-2..11).flat_map(|z| (-2..13).flat_map(move |y| (-7..39).map(move |x| (z, y, x)))) {
+            let offsets = |corner: i64| [x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2)];
+            let expected = [0, 1, 2, 3, 4, 5, 6, 7].map(|corner| index.rank_at(offsets(corner)));
+            assert_eq!(index.corners([x, y, z]), expected, "{x} {y} {z}");
+            let row = (0..5).filter(|&i| index.holds([x + i, y, z])).fold(0, |bits, i| bits | 1u64 << i);
+            assert_eq!(index.row_bits([x, y, z], 5), row, "{x} {y} {z}");
+        }
+    }
 
     fn block() -> Occupancy {
         let grid = Grid { origin: DVec3::ZERO, voxel_mm: 2.0, dims: [20, 20, 20] };

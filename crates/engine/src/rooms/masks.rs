@@ -9,7 +9,7 @@ use strandflow_core::{Place, Report};
 use strandflow_stages::{
     Mode, StageError,
     hair_edge::HairEdge,
-    hair_look::HairLook,
+    hair_look::{HairLesson, HairLook},
     key_frame::KeyView,
     masks::{MasksInput, MasksSettings, NeighbourFrame},
 };
@@ -113,13 +113,19 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
     let key = key_frame(job, view, frame);
     let (look, edge) = match (key, teachers.split_first()) {
         (Some(key), Some((first, others))) => {
-            let from: Vec<_> = std::iter::once((view, key)).chain(others.iter().copied()).collect();
-            let settings = &job.plan.settings.masks;
-            let looks = take.looks();
-            let look =
-                looks.hair.once(job, view, from, |place, own, others| HairLook::learn(place, own, others, settings))?;
-            let edge =
-                looks.edge.once(job, view, vec![*first], |place, own, _| HairEdge::learn(place, own, settings))?;
+            let from = std::iter::once((view, key)).chain(others.iter().copied()).collect();
+            let (looks, settings) = (take.looks(), &job.plan.settings.masks);
+            // What is wrong with another view is said by its own items; here it teaches nothing.
+            let lesson = |&(other, key): &(usize, usize)| {
+                let lesson =
+                    looks.lesson.once(job, other, vec![(other, key)], |_, own| Ok(HairLesson::of(own, settings)));
+                lesson.ok().flatten()
+            };
+            let look = looks.hair.once(job, view, from, |place, own| {
+                let lessons: Vec<_> = others.iter().filter_map(lesson).collect();
+                HairLook::learn(place, own, lessons.iter().map(|lesson| &lesson.what), settings)
+            })?;
+            let edge = looks.edge.once(job, view, vec![*first], |place, own| HairEdge::learn(place, own, settings))?;
             (look, edge)
         }
         _ => (None, None),
@@ -145,6 +151,7 @@ pub(crate) fn run(job: &Job, item: Item, out: &mut Writer, report: &mut Report) 
 /// What was learnt of the hair in each view: its frames share it.
 #[derive(Default)]
 pub(crate) struct Looks {
+    lesson: LearntOnce<HairLesson>,
     hair: LearntOnce<HairLook>,
     edge: LearntOnce<HairEdge>,
 }
@@ -166,34 +173,26 @@ impl<T> Default for LearntOnce<T> {
 }
 
 impl<T> LearntOnce<T> {
-    /// What is learnt in a view from some key frames, its own first; as before where these are the same.
+    /// What is learnt in a view from a key frame, and by way of what these teach from others after it; as before where all
+    /// are the same.
     fn once(
         &self,
         job: &Job,
         view: usize,
         keys: Vec<(usize, usize)>,
-        learn: impl FnOnce(&Place, &KeyView, &[KeyView]) -> Result<T, StageError>,
+        learn: impl FnOnce(&Place, &KeyView) -> Result<T, StageError>,
     ) -> Result<Option<Arc<Learnt<T>>>, EngineError> {
         let (take, settings) = (job.take, &job.plan.settings.masks);
         let known = self.0.lock().unwrap_or_else(PoisonError::into_inner).get(&view).cloned();
         if let Some(known) = known.filter(|l| l.keys == keys && l.settings == *settings) {
             return Ok(Some(known));
         }
-        let read = |&(view, key): &(usize, usize)| -> Result<_, EngineError> {
-            let Some(hair) = take.given_hair(view, key)? else { return Ok(None) };
-            let images = (take.images().image(view, key)?, take.plate(view)?);
-            Ok(Some((images, hair, take.given_subject(view, key)?)))
-        };
-        // What is wrong with another view is said by its own items; here it teaches nothing.
-        let others = keys[1..].iter().filter_map(|key| read(key).ok().flatten());
-        let shown: Vec<_> = read(&keys[0])?.into_iter().chain(others).collect();
-        let views: Vec<KeyView> = shown
-            .iter()
-            .map(|((image, plate), hair, subject)| KeyView { image, plate, hair, subject: subject.as_ref() })
-            .collect();
-        let place = Place::view_frame(&take.rig().cameras[view].name, keys[0].1);
-        let Some((own, others)) = views.split_first() else { return Ok(None) };
-        let what = learn(&place, own, others).map_err(of_stage("masks"))?;
+        let (view, key) = keys[0];
+        let Some(hair) = take.given_hair(view, key)? else { return Ok(None) };
+        let (image, plate, subject) =
+            (take.images().image(view, key)?, take.plate(view)?, take.given_subject(view, key)?);
+        let own = KeyView { image: &image, plate: &plate, hair: &hair, subject: subject.as_ref() };
+        let what = learn(&Place::view_frame(&take.rig().cameras[view].name, key), &own).map_err(of_stage("masks"))?;
         let learnt = Arc::new(Learnt { keys, settings: settings.clone(), what });
         self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(view, learnt.clone());
         Ok(Some(learnt))

@@ -65,9 +65,9 @@ fn write_map(
     map: &OrientationMap,
 ) -> Result<(), EngineError> {
     // An angle just below π rounds to π, which is 0 for an undirected line: the wrap to u16 is the right one.
-    let steps = map.angle.map(|&a| (a / std::f32::consts::PI * ANGLE_STEPS + 0.5) as u32 as u16);
+    let steps = map.angle.map(|&a| (a / std::f32::consts::PI * ANGLE_STEPS + 0.5) as i32 as u16);
     images::write_image(job, out, (angle, scale), at, &steps)?;
-    let trust = map.confidence.map(|&c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
+    let trust = map.confidence.map(|&c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as i32 as u8);
     images::write_image(job, out, (confidence, scale), at, &trust)
 }
 

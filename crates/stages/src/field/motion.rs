@@ -25,12 +25,12 @@ use strandflow_core::{Camera, Mask, Occupancy, Plane, RgbImage, Rig, RigidTransf
 use strandflow_geometry::project::{project, ray};
 use strandflow_image::{
     colour::luma_of,
-    filter::{gaussian, gaussian_where, gradients},
+    filter::{Spread, Window, gradients},
     region::Region,
-    sample::bilinear,
+    sample::bilinear_of,
 };
 use strandflow_volume::{
-    diffuse::{Constraint, Inextensible, Solver, diffuse},
+    diffuse::{Constraint, Diffusion, Inextensible, Solver},
     tensor::Tensor,
     velocity::VoxelIndex,
     visibility::{DepthMap, surface_voxels},
@@ -93,6 +93,7 @@ pub fn motion(input: &MotionInput, settings: &FieldSettings) -> SparseVoxels<Vec
     let rooted = root_constraints(input);
     let strands: Vec<Inextensible> =
         input.field.values.iter().map(|voxel| Inextensible::along(voxel.direction, STIFFNESS)).collect();
+    let diffusion = Diffusion::new(&grid, &input.field.indices, &strands, &solver);
     let views = View::all(input);
     // Hair is slow to follow the head: where the camera saw it a frame ago is the better start.
     let still = |&index: &u32| {
@@ -100,8 +101,9 @@ pub fn motion(input: &MotionInput, settings: &FieldSettings) -> SparseVoxels<Vec
         (point - before_from_now.point(point)).as_vec3()
     };
     let mut back: Vec<Vec3> = input.field.indices.par_iter().map(still).collect();
+    let hairs: Vec<[Hair; 2]> = views.par_iter().map(|view| view.hairs(input)).collect();
     for (scale, times) in SCALES {
-        let images: Vec<Images> = views.par_iter().map(|view| view.images(input, scale)).collect();
+        let images: Vec<Images> = hairs.par_iter().map(|hairs| Images::blurred(hairs, scale)).collect();
         for _ in 0..times {
             let equations = |(view, images): (&View, &Images)| view.equations(input, images, before_from_now, &back);
             let seen: Vec<Vec<Equations>> = views.par_iter().zip(&images).map(equations).collect();
@@ -110,7 +112,7 @@ pub fn motion(input: &MotionInput, settings: &FieldSettings) -> SparseVoxels<Vec
                 constraints[*rank as usize].weight += seen.weight * PIXEL_WEIGHT;
                 constraints[*rank as usize].pull += seen.pull * PIXEL_WEIGHT;
             }
-            back = diffuse(&grid, &input.field.indices, &constraints, &strands, &solver);
+            back = diffusion.solve(&constraints);
         }
     }
     let displacement = |(&index, back): (&u32, Vec3)| {
@@ -190,13 +192,11 @@ impl<'a> View<'a> {
         (0..input.rig.view_count()).into_par_iter().filter_map(of).collect()
     }
 
-    /// The view's images, blurred by `scale` \[px\].
-    fn images(&self, input: &MotionInput, scale: f32) -> Images {
+    /// The view's hair in this frame and in the one before.
+    fn hairs(&self, input: &MotionInput) -> [Hair; 2] {
         let (view, region) = (self.view, self.region);
-        Images {
-            now: Normalised::new(input.images[view], input.hairs[view], region, scale),
-            before: Normalised::new(input.images_before[view], input.hairs_before[view], region, scale),
-        }
+        [(input.images, input.hairs), (input.images_before, input.hairs_before)]
+            .map(|(images, hairs)| Hair::new(images[view], hairs[view], region))
     }
 
     /// What the view's images say; `back` is the motion so far.
@@ -231,30 +231,27 @@ impl<'a> View<'a> {
         expected: &[Option<(DVec3, DVec2)>],
     ) -> Pooled {
         let region = self.region;
-        let mut sums: [Plane<f32>; 6] = std::array::from_fn(|_| Plane::filled(region.width, region.height, 0.0));
-        let mut used = Plane::filled(region.width, region.height, 0.0);
-        for (shown, expected) in self.shown.iter().zip(expected) {
-            let Some((_, pixel)) = expected else { continue };
-            let (here, there) = ((shown.x - region.x, shown.y - region.y), *pixel - region.corner());
+        let before = before.together();
+        let said = |(shown, expected): (&Shown, &Option<(DVec3, DVec2)>)| {
+            let (_, pixel) = (*expected)?;
+            let (here, there) = ((shown.x - region.x, shown.y - region.y), pixel - region.corner());
             let confidence = map.confidence[(shown.x, shown.y)];
-            if confidence <= 0.0 || !region.holds(*pixel) {
-                continue;
-            }
-            let (x, y) = (there.x as f32, there.y as f32);
+            (confidence > 0.0 && region.holds(pixel)).then_some(())?;
+            let [image_before, x_before, y_before, hair_before] = bilinear_of(&before, there.x as f32, there.y as f32);
             let across = Vec2::from_angle(map.angle[(shown.x, shown.y)]).perp();
             let slope_now = across.dot(Vec2::new(now.gradient[0][here], now.gradient[1][here]));
-            let slope_before =
-                across.dot(Vec2::new(bilinear(&before.gradient[0], x, y), bilinear(&before.gradient[1], x, y)));
+            let slope_before = across.dot(Vec2::new(x_before, y_before));
             let slope = across * (0.5 * (slope_now + slope_before));
-            let miss = bilinear(&before.image, x, y) - now.image[here];
+            let miss = image_before - now.image[here];
             let robust = (1.0 + (miss / MISS_SCALE).powi(2)).powi(2).recip();
-            let weight = robust * confidence * bilinear(&before.hair, x, y);
+            let weight = robust * confidence * hair_before;
             let [xx, xy, yy] = [slope.x * slope.x, slope.x * slope.y, slope.y * slope.y];
-            let values = [xx, xy, yy, slope.x * miss, slope.y * miss, slope_now * slope_before];
-            sums.iter_mut().zip(values).for_each(|(sum, value)| sum[here] = weight * value);
-            used[here] = 1.0;
-        }
-        Pooled { sums: sums.map(|sum| gaussian(&sum, WINDOW_PX)), used: gaussian(&used, WINDOW_PX) }
+            let [xx, xy, yy, x_miss, y_miss, common] =
+                [xx, xy, yy, slope.x * miss, slope.y * miss, slope_now * slope_before].map(|value| weight * value);
+            Some(([here.0, here.1], [xx, xy, yy, x_miss, y_miss, common, 1.0]))
+        };
+        let pixels = self.shown.iter().zip(expected).filter_map(said);
+        Pooled(Spread::new((region.width, region.height), pixels, WINDOW_PX))
     }
 
     /// How the image point of a world point moves with it, shape (2, 3) \[px/mm\]; nothing along the strand: the image's
@@ -276,18 +273,15 @@ fn lifted([jx, jy]: [Vec3; 2], [xx, xy, yy, x, y]: [f32; 5], so_far: Vec3) -> Co
     Constraint { pull: weight.apply(so_far) - jx * x - jy * y, weight }
 }
 
-/// Normal equations of the image motion, pooled in a Gaussian window: sums of gₓ², gₓgᵧ, gᵧ², gₓr, gᵧr, and of the product
-/// of the slopes of both frames.
-struct Pooled {
-    sums: [Plane<f32>; 6],
-    used: Plane<f32>,
-}
+/// Normal equations of the image motion, pooled in a Gaussian window: sums of gₓ², gₓgᵧ, gᵧ², gₓr, gᵧr, of the product of the
+/// slopes of both frames, and of the pixels that said so.
+struct Pooled(Spread<7>);
 
 impl Pooled {
     /// The equations: gₓ², gₓgᵧ, gᵧ², and gₓr, gᵧr over the share of the texture that both frames have.
     fn at(&self, x: usize, y: usize) -> [f32; 5] {
-        let [xx, xy, yy, x_miss, y_miss, common] =
-            self.sums.each_ref().map(|sum| sum[(x, y)] / self.used[(x, y)].max(1e-3));
+        let [sums @ .., used] = self.0.at(x, y);
+        let [xx, xy, yy, x_miss, y_miss, common] = sums.map(|sum| sum / used.max(1e-3));
         let shared = (common / (xx + yy).max(1e-9)).clamp(LEAST_SHARED, 1.0);
         [xx, xy, yy, x_miss / shared, y_miss / shared]
     }
@@ -299,7 +293,35 @@ struct Images {
     before: Normalised,
 }
 
-/// Luminance of a region, less the local mean of the hair and over its local deviation; zero beside the hair.
+impl Images {
+    /// Blurred by `scale` \[px\].
+    fn blurred([now, before]: &[Hair; 2], scale: f32) -> Self {
+        Self { now: now.normalised(scale), before: before.normalised(scale) }
+    }
+}
+
+/// Luminance of a region and its coverage by hair.
+struct Hair {
+    luma: Plane<f32>,
+    coverage: Plane<f32>,
+    /// The local mean of the hair's luminance, in the smallest neighbourhood.
+    around: Around,
+}
+
+/// The neighbourhoods of all pixels of hair.
+struct Around {
+    window: Window,
+    mean: Plane<f32>,
+}
+
+impl Around {
+    fn new(luma: &Plane<f32>, coverage: &Plane<f32>, sigma: f32) -> Self {
+        let window = Window::new(coverage, sigma);
+        Self { mean: window.mean(luma, coverage), window }
+    }
+}
+
+/// Luminance less the local mean of the hair and over its local deviation; zero beside the hair.
 struct Normalised {
     image: Plane<f32>,
     /// Along x and y \[1/px\].
@@ -309,17 +331,33 @@ struct Normalised {
 }
 
 impl Normalised {
-    fn new(image: &RgbImage, hair: &Mask, region: Region, scale: f32) -> Self {
+    /// Image, gradient and hair, side by side for those who ask between pixels.
+    fn together(&self) -> Plane<[f32; 4]> {
+        let [gx, gy] = &self.gradient;
+        let at = |i: usize| [self.image.data[i], gx.data[i], gy.data[i], self.hair.data[i]];
+        Plane { width: self.image.width, height: self.image.height, data: (0..self.image.data.len()).map(at).collect() }
+    }
+}
+
+impl Hair {
+    fn new(image: &RgbImage, hair: &Mask, region: Region) -> Self {
         let luma = region.crop(image, |&colour| luma_of(colour));
-        let hair = region.crop(hair, |&m| if m >= 128 { 1.0 } else { 0.0 });
-        let around = AROUND_PX.max(3.0 * scale);
-        let mean = gaussian_where(&luma, &hair, around);
-        let off = together(&gaussian_where(&luma, &hair, scale), &mean, |smooth, mean| smooth - mean);
-        let variance = gaussian_where(&off.map(|o| o * o), &hair, around);
+        let coverage = region.crop(hair, |&m| if m >= 128 { 1.0 } else { 0.0 });
+        Self { around: Around::new(&luma, &coverage, AROUND_PX), luma, coverage }
+    }
+
+    /// The image, blurred by `scale` \[px\].
+    fn normalised(&self, scale: f32) -> Normalised {
+        let Self { luma, coverage, around } = self;
+        let wider = (3.0 * scale > AROUND_PX).then(|| Around::new(luma, coverage, 3.0 * scale));
+        let Around { window, mean } = wider.as_ref().unwrap_or(around);
+        let near = Window::new(coverage, scale);
+        let off = together(&near.mean(luma, coverage), mean, |smooth, mean| smooth - mean);
+        let variance = window.mean(&off.map(|o| o * o), coverage);
         let even = together(&off, &variance, |off, variance| off / (variance.sqrt() + DARK));
-        let image = together(&even, &hair, |value, hair| value * hair);
+        let image = together(&even, coverage, |value, hair| value * hair);
         let (gx, gy) = gradients(&image);
-        Self { image, gradient: [gx, gy], hair: gaussian(&hair, scale) }
+        Normalised { image, gradient: [gx, gy], hair: near.weight }
     }
 }
 

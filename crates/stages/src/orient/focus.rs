@@ -44,12 +44,12 @@ fn gain(wavelength: f32) -> f32 {
 
 /// Standard deviation of the sensor's noise in luma, from the background \[code values\]; 0 where there is too little.
 ///
-/// Reference: Immerkær 1996; the lower quartile instead of the mean, so that half of the background may have texture.
+/// Every second row: half of the background knows it as well. Reference: Immerkær 1996; the lower quartile instead of the mean, so that half of the background may have texture.
 pub fn noise_of(image: &RgbImage, subject: &Mask) -> f32 {
     let (width, height) = (image.width, image.height);
     let luma = image.map(|&colour| luma_of(colour));
     let mut found = Vec::new();
-    for y in 1..height.saturating_sub(1) {
+    for y in (1..height.saturating_sub(1)).step_by(2) {
         let [above, here, below] = [y - 1, y, y + 1].map(|row| luma.row(row));
         for x in (1..width.saturating_sub(1)).filter(|&x| subject[(x, y)] < 16) {
             let sum = |row: &[f32], [a, b, c]: [f32; 3]| a * row[x - 1] + b * row[x] + c * row[x + 1];

@@ -57,7 +57,7 @@ pub fn flow_back(image: &RgbImage, before: &RgbImage, hair: &Mask) -> Flow {
 pub fn half(map: &OrientationMap) -> OrientationMap {
     let (width, height) = half_size((map.angle.width, map.angle.height));
     let mut votes = Plane::filled(width, height, [0.0; 3]);
-    for (x, y) in Region::whole(&map.angle).pixels() {
+    for (x, y) in hair_of(map).into_iter().flat_map(Region::pixels) {
         add(&mut votes[(x / 2, y / 2)], vote(map, (x, y)));
     }
     let (angle, confidence) = votes.data.into_iter().map(read).unzip();
@@ -69,7 +69,7 @@ pub fn half(map: &OrientationMap) -> OrientationMap {
 /// the frame before. Doubled angles are averaged with squared confidence as weight, and the confidence is that of their mean:
 /// it falls where the frames disagree.
 pub fn steady(own: &OrientationMap, back: &Flow, before: &[Moment], after: &[Moment]) -> OrientationMap {
-    let Some(region) = Region::bounding(&own.confidence, |&c| c > 0.0) else { return own.clone() };
+    let Some(region) = hair_of(own) else { return own.clone() };
     let mut others = Others::of(region, (own.angle.width, own.angle.height));
     let mut way = back.clone();
     for moment in before {
@@ -88,6 +88,11 @@ pub fn steady(own: &OrientationMap, back: &Flow, before: &[Moment], after: &[Mom
         (out.angle[at], out.confidence[at]) = read(votes);
     }
     out
+}
+
+/// The rectangle in which a map has orientations.
+fn hair_of(map: &OrientationMap) -> Option<Region> {
+    Region::bounding(&map.confidence, |&c| c > 0.0)
 }
 
 /// c² cos 2a, c² sin 2a and how many pixels said so: what adds up.
@@ -131,11 +136,8 @@ impl Others {
 
     /// Adds another frame's map as the flow to that frame shows it.
     fn hear(&mut self, half: &OrientationMap, way: &Flow) {
-        let votes = Plane {
-            width: half.angle.width,
-            height: half.angle.height,
-            data: Region::whole(&half.angle).pixels().map(|at| vote(half, at)).collect(),
-        };
+        let mut votes = Plane::filled(half.angle.width, half.angle.height, [0.0; 3]);
+        hair_of(half).into_iter().flat_map(Region::pixels).for_each(|at| votes[at] = vote(half, at));
         for at @ (x, y) in self.region.pixels() {
             let (u, v) = (x as f32 + 0.5, y as f32 + 0.5);
             let [du, dv] = way.at(u / HALF_A_FLOW, v / HALF_A_FLOW);
