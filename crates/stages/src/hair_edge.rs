@@ -28,7 +28,7 @@ const SQUARE: usize = 16;
 /// what is learnt on one frame is used on all.
 const BETTER: f64 = 0.85;
 /// One in so many pixels teaches.
-const TAUGHT: usize = 4;
+const TAUGHT: usize = 2;
 
 /// Subject against plate at the border of hair; nothing where the given mask tells no more than the matte does.
 #[derive(Clone, Debug, PartialEq)]

@@ -25,7 +25,7 @@ const OTHERS: f32 = 0.3;
 /// Shares of its brightness at which the view is shown again: hair that moves casts its shadow elsewhere.
 const SHADES: [f32; 2] = [0.5, 0.75];
 /// One in so many pixels teaches, of the view itself and of others.
-const TAUGHT: (usize, usize) = (4, 16);
+const TAUGHT: (usize, usize) = (2, 8);
 
 /// What hair looks like in a view: hair against skin, markers and the plate between strands. Nothing where the key frame shows
 /// no subject, or one that is all hair or has none.
