@@ -82,6 +82,14 @@ pub fn floor(number: f64) -> i64 {
     towards_zero.saturating_sub(i64::from(towards_zero as f64 > number))
 }
 
+/// 64 bits from an index on, of words of 64; what lies beyond them is zero.
+#[inline]
+pub fn bits_across(word: impl Fn(usize) -> Option<u64>, index: isize) -> u64 {
+    let (first, bit) = (index.div_euclid(64), index.rem_euclid(64));
+    let at = |number: isize| usize::try_from(number).ok().and_then(&word).unwrap_or(0);
+    if bit == 0 { at(first) } else { at(first) >> bit | at(first + 1) << (64 - bit) }
+}
+
 /// Dense occupancy of a grid, one bit a voxel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Occupancy {
@@ -107,9 +115,7 @@ impl Occupancy {
     /// and beyond the last.
     #[inline]
     pub fn bits_from(&self, index: isize) -> u64 {
-        let (word, bit) = (index.div_euclid(64), index.rem_euclid(64));
-        let at = |word: isize| usize::try_from(word).ok().and_then(|word| self.words.get(word)).copied().unwrap_or(0);
-        if bit == 0 { at(word) } else { at(word) >> bit | at(word + 1) << (64 - bit) }
+        bits_across(|word| self.words.get(word).copied(), index)
     }
 
     /// Sets one voxel.
@@ -194,5 +200,15 @@ mod tests {
         assert_eq!(occupancy.indices().collect::<Vec<_>>(), [0, 63, 64, 209]);
         assert!(occupancy.contains(grid.centre_of_index(64)) && !occupancy.contains(grid.centre_of_index(65)));
         assert_eq!(occupancy.count(), 4);
+        assert_eq!((occupancy.bits_from(-1), occupancy.bits_from(63), occupancy.bits_from(209)), (2, 3, 1));
+        assert_eq!((occupancy.bits_from(-64), occupancy.bits_from(210), occupancy.bits_from(9999)), (0, 0, 0));
+    }
+
+    #[test]
+    fn floors_are_those_of_the_library() {
+        for number in [0.0, -0.0, 0.3, -0.3, 1.0, -1.0, 2.999_999, -2.000_001, 1e9 + 0.5, -1e9 - 0.5] {
+            assert_eq!(floor(number), f64::floor(number) as i64, "{number}");
+        }
+        assert_eq!([f64::NAN, f64::INFINITY, f64::NEG_INFINITY].map(floor), [0, i64::MAX, i64::MIN]);
     }
 }

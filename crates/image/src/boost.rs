@@ -201,6 +201,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_bin_is_the_number_of_cuts_below() {
+        for count in [0, 1, 5, CUTS] {
+            let cuts: Vec<f32> = (0..count).map(|k| 0.5 * k as f32 - 3.0).collect();
+            let values: Vec<f32> =
+                (-60..120).map(|k| 0.25 * k as f32).chain([f32::INFINITY, f32::NEG_INFINITY]).collect();
+            let expected: Vec<u8> = values.iter().map(|v| cuts.partition_point(|c| c < v) as u8).collect();
+            assert_eq!(binned(&values, &cuts), expected);
+        }
+    }
+
+    #[test]
     fn a_ring_is_told_from_its_inside_and_outside() {
         let at = |i: usize| [(i % 60) as f32 / 30.0 - 1.0, (i / 60) as f32 / 30.0 - 1.0];
         let columns: Vec<Vec<f32>> = (0..2).map(|k| (0..3600).map(|i| at(i)[k]).collect()).collect();

@@ -2,9 +2,14 @@
 
 use strandflow_core::Plane;
 
+/// How far a Gaussian kernel reaches \[px\].
+pub fn gaussian_reach(sigma: f32) -> usize {
+    (3.0 * sigma).ceil().max(1.0) as usize
+}
+
 /// Half a symmetric Gaussian kernel, centre first, that sums to one over both sides; radius is three sigma.
 pub fn gaussian_half(sigma: f32) -> Vec<f32> {
-    let radius = (3.0 * sigma).ceil().max(1.0) as usize;
+    let radius = gaussian_reach(sigma);
     let raw: Vec<f32> = (0..=radius).map(|i| (-0.5 * (i as f32 / sigma.max(1e-6)).powi(2)).exp()).collect();
     let sum = raw[0] + 2.0 * raw[1..].iter().sum::<f32>();
     raw.iter().map(|w| w / sum).collect()
@@ -13,14 +18,7 @@ pub fn gaussian_half(sigma: f32) -> Vec<f32> {
 /// Correlation along rows with taps at −r..=r given as a half kernel, centre first. `odd`: taps at −i carry the
 /// opposite sign and the centre is ignored.
 pub fn along_rows(plane: &Plane<f32>, half: &[f32], odd: bool) -> Plane<f32> {
-    let (w, r) = (plane.width, half.len() - 1);
-    let mut out = Plane::filled(w, plane.height, 0.0f32);
-    let mut padded = vec![0.0f32; w + 2 * r];
-    for y in 0..plane.height {
-        fill_padded(plane.row(y), r, &mut padded);
-        let pair = |i: usize| (&padded[r - i..r - i + w], &padded[r + i..r + i + w]);
-        on_widest(One { half, odd }, [&mut out.data[y * w..(y + 1) * w]], pair);
-    }
+    let [out] = rows_by(plane, half.len() - 1, One { half, odd });
     out
 }
 
@@ -28,30 +26,37 @@ pub fn along_rows(plane: &Plane<f32>, half: &[f32], odd: bool) -> Plane<f32> {
 pub fn along_columns(plane: &Plane<f32>, half: &[f32], odd: bool) -> Plane<f32> {
     let mut out = Plane::filled(plane.width, plane.height, 0.0f32);
     for (y, target) in out.data.chunks_exact_mut(plane.width.max(1)).enumerate() {
-        let pair = |i: usize| (plane.row(y.saturating_sub(i)), plane.row((y + i).min(plane.height - 1)));
-        on_widest(One { half, odd }, [target], pair);
+        column_row_by(plane, y, One { half, odd }, [target]);
     }
     out
 }
 
 /// Correlation along rows by an even and an odd filter of one length at once; see [`along_rows`].
 pub fn even_and_odd_along_rows(plane: &Plane<f32>, even: &[f32], odd: &[f32]) -> [Plane<f32>; 2] {
-    let (w, r) = (plane.width, even.len() - 1);
-    let mut out = [(); 2].map(|()| Plane::filled(w, plane.height, 0.0f32));
-    let mut padded = vec![0.0f32; w + 2 * r];
-    for y in 0..plane.height {
-        fill_padded(plane.row(y), r, &mut padded);
-        let pair = |i: usize| (&padded[r - i..r - i + w], &padded[r + i..r + i + w]);
-        let targets = out.each_mut().map(|plane| &mut plane.data[y * w..(y + 1) * w]);
-        on_widest(Both { even, odd }, targets, pair);
-    }
-    out
+    rows_by(plane, even.len() - 1, Both { even, odd })
 }
 
 /// One output row of the correlations along columns by an even and an odd filter of one length.
 pub fn even_and_odd_column_row(plane: &Plane<f32>, even: &[f32], odd: &[f32], y: usize, targets: [&mut [f32]; 2]) {
-    let pair = |i: usize| (plane.row(y.saturating_sub(i)), plane.row((y + i).min(plane.height - 1)));
-    on_widest(Both { even, odd }, targets, pair);
+    column_row_by(plane, y, Both { even, odd }, targets);
+}
+
+/// All rows by taps at −r..=r.
+fn rows_by<const OUT: usize>(plane: &Plane<f32>, r: usize, taps: impl Taps<OUT>) -> [Plane<f32>; OUT] {
+    let w = plane.width;
+    let mut out = [(); OUT].map(|()| Plane::filled(w, plane.height, 0.0f32));
+    let mut padded = vec![0.0f32; w + 2 * r];
+    for y in 0..plane.height {
+        fill_padded(plane.row(y), r, &mut padded);
+        let pair = |i: usize| (&padded[r - i..r - i + w], &padded[r + i..r + i + w]);
+        on_widest(taps, out.each_mut().map(|plane| &mut plane.data[y * w..(y + 1) * w]), pair);
+    }
+    out
+}
+
+/// One output row of taps along columns.
+fn column_row_by<const OUT: usize>(plane: &Plane<f32>, y: usize, taps: impl Taps<OUT>, targets: [&mut [f32]; OUT]) {
+    on_widest(taps, targets, |i| (plane.row(y.saturating_sub(i)), plane.row((y + i).min(plane.height - 1))));
 }
 
 /// A row with its ends repeated `r` times.

@@ -326,7 +326,7 @@ struct Pixel {
     shows: Shows,
 }
 
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy)]
 enum Shows {
     /// Bare, as its four neighbours are.
     Bare,

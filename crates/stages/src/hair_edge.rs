@@ -5,7 +5,12 @@
 
 use glam::Vec3;
 use strandflow_core::{Mask, Place, Plane, RgbImage};
-use strandflow_image::{boost::Boosted, filter::gaussian, morph::dilated, region::Region};
+use strandflow_image::{
+    boost::Boosted,
+    filter::{gaussian, gaussian_reach},
+    morph::dilated,
+    region::Region,
+};
 
 use crate::{
     StageError,
@@ -15,9 +20,8 @@ use crate::{
 
 /// Pixels around the matte in which hair may be.
 const MARGIN: usize = 3;
-/// Blur of the learnt edge \[px\], since single pixels flicker with the noise, and how far it sees.
+/// Blur of the learnt edge \[px\]: single pixels flicker with the noise.
 const STEADY_PX: f32 = 0.5;
-const STEADY_REACH: usize = 2;
 /// Blur under which difference from the plate and share of hair are compared \[px\].
 const SEEN_PX: f32 = 2.0;
 /// Colour between strands \[code values from the plate's\]: nearer than the first it is the plate, beyond the second not.
@@ -51,7 +55,7 @@ impl HairEdge {
     pub fn thinned(&self, image: &RgbImage, plate: &RgbImage, matte: &Mask) -> Mask {
         let (Some(model), Some(region)) = (&self.0, around(matte)) else { return matte.clone() };
         let covered = region.crop(matte, |&m| m > 0);
-        let (possible, asked) = (dilated(&covered, MARGIN), dilated(&covered, MARGIN + STEADY_REACH));
+        let (possible, asked) = (dilated(&covered, MARGIN), dilated(&covered, MARGIN + gaussian_reach(STEADY_PX)));
         let odds = odds_at(model, &columns(image, plate, matte, region), &asked);
         let likely = odds.iter().map(|o| 1.0 / (1.0 + (-o).exp())).collect();
         let likely = gaussian(&Plane { width: region.width, height: region.height, data: likely }, STEADY_PX);

@@ -278,10 +278,10 @@ impl Lifter<'_> {
         }
         let votes = &list[..count];
         let trust = self.trust(votes)?;
+        let ballot = Ballot::new(votes);
         let direction = match self.mode {
-            Mode::Paper => least_squares(votes, &votes.iter().map(|vote| vote.weight).collect::<Vec<_>>())?,
+            Mode::Paper => least_squares(votes, &ballot.given)?,
             Mode::Robust => {
-                let ballot = Ballot::new(votes);
                 let mut line = ballot.best_intersection(votes)?;
                 for _ in 0..2 {
                     line = least_squares(votes, &ballot.weights(line))?;
@@ -361,7 +361,8 @@ struct Ballot {
     count: usize,
     normals: [[f32; MAX_VIEWS]; 3],
     towards_camera: [[f32; MAX_VIEWS]; 3],
-    weights: [f32; MAX_VIEWS],
+    /// The weights that the votes came with.
+    given: [f32; MAX_VIEWS],
 }
 
 /// Votes that are weighed at once.
@@ -373,14 +374,14 @@ impl Ballot {
             count: votes.len(),
             normals: [[0.0; MAX_VIEWS]; 3],
             towards_camera: [[0.0; MAX_VIEWS]; 3],
-            weights: [0.0; MAX_VIEWS],
+            given: [0.0; MAX_VIEWS],
         };
         for (i, vote) in votes.iter().enumerate() {
             for axis in 0..3 {
                 ballot.normals[axis][i] = vote.normal[axis];
                 ballot.towards_camera[axis][i] = vote.towards_camera[axis];
             }
-            ballot.weights[i] = vote.weight;
+            ballot.given[i] = vote.weight;
         }
         ballot
     }
@@ -389,7 +390,7 @@ impl Ballot {
     /// and where the plane misses it (Geman–McClure).
     fn weights(&self, line: Vec3) -> [f32; MAX_VIEWS] {
         let mut weights = [0.0; MAX_VIEWS];
-        let Self { normals: [nx, ny, nz], towards_camera: [tx, ty, tz], weights: given, .. } = self;
+        let Self { normals: [nx, ny, nz], towards_camera: [tx, ty, tz], given, .. } = self;
         // Whole packs, so that the loop runs on them.
         for i in 0..self.count.next_multiple_of(LANES).min(MAX_VIEWS) {
             let seen = 1.0 - (tx[i] * line.x + ty[i] * line.y + tz[i] * line.z).powi(2);

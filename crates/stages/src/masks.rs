@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Mask, Place, Plane, Report, RgbImage};
 use strandflow_image::{
-    filter::gaussian_where,
+    filter::{gaussian_reach, gaussian_where},
     flow::flow_of_region,
     matte::{MatteOptions, from_plate},
     region::Region,
@@ -201,7 +201,7 @@ fn decided_hair(
     let coverage = region.crop(matte, |&m| f32::from(m) / 255.0);
     let prior = region.crop(carried, |&m| f32::from(m) / 255.0);
     // What the blur below still sees of decisions beside the subject.
-    let reach = (3.0 * settings.look_px).ceil() as usize + 1;
+    let reach = gaussian_reach(settings.look_px);
     let odds = look.hair_odds(input.image, input.plate, matte, region, reach);
     let share = |i: usize| {
         // The flow is never surer than 1 in 25: it slips at every border.

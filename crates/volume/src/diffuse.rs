@@ -296,7 +296,7 @@ impl<Q: Quantity, C: Coupling<Q>> Diffusion<Q, C> {
         for (level, constraints) in self.levels.iter().zip(&asked).rev() {
             let start = match &coarse {
                 // The parent's value at each voxel.
-                Some(solution) => level.parents.iter().map(|&parent| solution[parent as usize]).collect(),
+                Some(solution) => level.parents.par_iter().map(|&parent| solution[parent as usize]).collect(),
                 // What is asked for where it is asked for; the small diagonal keeps unmeasured directions at zero.
                 None => constraints.iter().map(|c| Q::apply(&Q::inverse(c.weight, 1e-3), c.pull)).collect(),
             };

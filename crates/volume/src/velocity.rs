@@ -7,7 +7,10 @@ use std::ops::Add;
 
 use glam::{DVec3, DVec4, Vec3, Vec4};
 use rayon::prelude::*;
-use strandflow_core::{Grid, Occupancy, SparseVoxels, grid::floor};
+use strandflow_core::{
+    Grid, Occupancy, SparseVoxels,
+    grid::{bits_across, floor},
+};
 
 /// Where voxel `i` of a region has no neighbour.
 const ABSENT: u32 = u32::MAX;
@@ -116,9 +119,7 @@ impl VoxelIndex {
     pub fn row_bits(&self, [x, y, z]: [i64; 3], count: i64) -> u64 {
         let (from, to) = (x.max(0), (x + count).min(self.grid.dims[0] as i64));
         let Some(index) = self.index_at([from, y, z]).filter(|_| from < to) else { return 0 };
-        let (word, bit) = (index / 64, index % 64);
-        let beyond = if bit == 0 { 0 } else { self.words.get(word + 1).map_or(0, |next| next.bits << (64 - bit)) };
-        let bits = self.words[word].bits >> bit | beyond;
+        let bits = bits_across(|word| self.words.get(word).map(|word| word.bits), index as isize);
         (bits & (u64::MAX >> (64 - (to - from)))) << (from - x)
     }
 }

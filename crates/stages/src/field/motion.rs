@@ -231,13 +231,12 @@ impl<'a> View<'a> {
         expected: &[Option<(DVec3, DVec2)>],
     ) -> Pooled {
         let region = self.region;
-        let before = before.together();
         let said = |(shown, expected): (&Shown, &Option<(DVec3, DVec2)>)| {
             let (_, pixel) = (*expected)?;
             let (here, there) = ((shown.x - region.x, shown.y - region.y), pixel - region.corner());
             let confidence = map.confidence[(shown.x, shown.y)];
             (confidence > 0.0 && region.holds(pixel)).then_some(())?;
-            let [image_before, x_before, y_before, hair_before] = bilinear_of(&before, there.x as f32, there.y as f32);
+            let [image_before, x_before, y_before, hair_before] = bilinear_of(before, there.x as f32, there.y as f32);
             let across = Vec2::from_angle(map.angle[(shown.x, shown.y)]).perp();
             let slope_now = across.dot(Vec2::new(now.gradient[0][here], now.gradient[1][here]));
             let slope_before = across.dot(Vec2::new(x_before, y_before));
@@ -290,13 +289,14 @@ impl Pooled {
 /// A view in this frame and in the one before.
 struct Images {
     now: Normalised,
-    before: Normalised,
+    /// Image, gradient along x and y, and hair, side by side: it is asked between pixels.
+    before: Plane<[f32; 4]>,
 }
 
 impl Images {
     /// Blurred by `scale` \[px\].
     fn blurred([now, before]: &[Hair; 2], scale: f32) -> Self {
-        Self { now: now.normalised(scale), before: before.normalised(scale) }
+        Self { now: now.normalised(scale), before: before.normalised(scale).side_by_side() }
     }
 }
 
@@ -331,8 +331,7 @@ struct Normalised {
 }
 
 impl Normalised {
-    /// Image, gradient and hair, side by side for those who ask between pixels.
-    fn together(&self) -> Plane<[f32; 4]> {
+    fn side_by_side(&self) -> Plane<[f32; 4]> {
         let [gx, gy] = &self.gradient;
         let at = |i: usize| [self.image.data[i], gx.data[i], gy.data[i], self.hair.data[i]];
         Plane { width: self.image.width, height: self.image.height, data: (0..self.image.data.len()).map(at).collect() }

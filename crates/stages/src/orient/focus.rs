@@ -44,7 +44,9 @@ fn gain(wavelength: f32) -> f32 {
 
 /// Standard deviation of the sensor's noise in luma, from the background \[code values\]; 0 where there is too little.
 ///
-/// Every second row: half of the background knows it as well. Reference: Immerkær 1996; the lower quartile instead of the mean, so that half of the background may have texture.
+/// Every second row: half of the background knows it as well.
+///
+/// Reference: Immerkær 1996; the lower quartile instead of the mean, so that half of the background may have texture.
 pub fn noise_of(image: &RgbImage, subject: &Mask) -> f32 {
     let (width, height) = (image.width, image.height);
     let luma = image.map(|&colour| luma_of(colour));
@@ -57,7 +59,7 @@ pub fn noise_of(image: &RgbImage, subject: &Mask) -> f32 {
             found.push((outer + sum(here, [-2.0, 4.0, -2.0])).abs());
         }
     }
-    if found.len() < LEAST_BACKGROUND {
+    if 2 * found.len() < LEAST_BACKGROUND {
         return 0.0;
     }
     let quarter = found.len() / 4;
