@@ -12,7 +12,7 @@ use strandflow_core::{Plane, RgbImage};
 use crate::{
     filter::{gradients, halved},
     region::Region,
-    sample::bilinear,
+    sample::{bilinear, bilinear_both},
 };
 
 /// How flow is computed.
@@ -55,7 +55,7 @@ impl Flow {
 
     /// The displacement at an image point \[px\].
     pub fn at(&self, x: f32, y: f32) -> [f32; 2] {
-        [bilinear(&self.u, x, y), bilinear(&self.v, x, y)]
+        bilinear_both([&self.u, &self.v], x, y)
     }
 
     /// The same flow on a grid of twice the resolution (`width` × `height`).

@@ -5,32 +5,42 @@ use strandflow_core::Plane;
 /// Bilinear sample at an image point \[px\].
 #[inline]
 pub fn bilinear(plane: &Plane<f32>, u: f32, v: f32) -> f32 {
-    let Corners { rows: [a, b], columns: [x0, x1], share } = Corners::around(plane, u, v);
-    share.of([a[x0], a[x1], b[x0], b[x1]])
+    let Corners { at, share } = Corners::around(plane, u, v);
+    share.of(at.map(|at| plane.data[at]))
 }
 
 /// [`bilinear`] of several values a pixel at once.
 #[inline]
 pub fn bilinear_of<const N: usize>(plane: &Plane<[f32; N]>, u: f32, v: f32) -> [f32; N] {
-    let Corners { rows: [a, b], columns: [x0, x1], share } = Corners::around(plane, u, v);
-    std::array::from_fn(|k| share.of([a[x0][k], a[x1][k], b[x0][k], b[x1][k]]))
+    let Corners { at, share } = Corners::around(plane, u, v);
+    let corners = at.map(|at| &plane.data[at]);
+    let mut out = [0.0; N];
+    out.iter_mut().enumerate().for_each(|(k, out)| *out = share.of(corners.map(|values| values[k])));
+    out
 }
 
-/// The four pixels around an image point.
-struct Corners<'a, T> {
-    rows: [&'a [T]; 2],
-    columns: [usize; 2],
+/// [`bilinear`] of two planes of one size at once.
+#[inline]
+pub fn bilinear_both([first, second]: [&Plane<f32>; 2], u: f32, v: f32) -> [f32; 2] {
+    debug_assert_eq!((first.width, first.height), (second.width, second.height));
+    let Corners { at, share } = Corners::around(first, u, v);
+    [share.of(at.map(|at| first.data[at])), share.of(at.map(|at| second.data[at]))]
+}
+
+/// The four pixels around an image point: top left, top right, bottom left, bottom right.
+struct Corners {
+    at: [usize; 4],
     share: Share,
 }
 
-impl<'a, T> Corners<'a, T> {
+impl Corners {
     #[inline]
-    fn around(plane: &'a Plane<T>, u: f32, v: f32) -> Self {
+    fn around<T>(plane: &Plane<T>, u: f32, v: f32) -> Self {
         let (x, y) = ((u - 0.5).clamp(0.0, (plane.width - 1) as f32), (v - 0.5).clamp(0.0, (plane.height - 1) as f32));
         let (x0, y0) = (x as usize, y as usize);
         let (x1, y1) = ((x0 + 1).min(plane.width - 1), (y0 + 1).min(plane.height - 1));
-        let share = Share { x: x - x0 as f32, y: y - y0 as f32 };
-        Self { rows: [plane.row(y0), plane.row(y1)], columns: [x0, x1], share }
+        let (top, bottom) = (y0 * plane.width, y1 * plane.width);
+        Self { at: [top + x0, top + x1, bottom + x0, bottom + x1], share: Share { x: x - x0 as f32, y: y - y0 as f32 } }
     }
 }
 
@@ -41,7 +51,7 @@ struct Share {
 }
 
 impl Share {
-    /// Top left, top right, bottom left, bottom right.
+    /// Of values at the four [`Corners`].
     #[inline]
     fn of(&self, corners: [f32; 4]) -> f32 {
         let top = corners[0] + self.x * (corners[1] - corners[0]);

@@ -12,8 +12,8 @@ pub struct DepthMap {
 }
 
 impl DepthMap {
-    /// The depth map of a set of voxels, each drawn as the square that its circumscribed cube covers. Depths are those of
-    /// the voxel centres, so the map is right to about half a voxel; silhouettes grow by at most one voxel.
+    /// The depth map of a set of voxels, each drawn as the outline of its cube: what they close is closed, at any angle. Depths
+    /// are those of the voxel centres, so the map is right to about half a voxel.
     pub fn of_voxels(camera: &Camera, grid: &Grid, voxels: &[u32]) -> Self {
         let mut map = Plane::filled(camera.width, camera.height, f32::INFINITY);
         for &voxel in voxels {
@@ -41,18 +41,63 @@ pub fn without_layers(occupancy: &Occupancy, layers: usize) -> Occupancy {
     (0..layers).fold(occupancy.clone(), |rest, _| inner_voxels(&rest))
 }
 
-/// Draws one voxel into the z-buffer.
+/// Draws one voxel into the z-buffer: the pixels within the outline of its cube, and the one that its centre falls in.
 fn splat(camera: &Camera, centre: DVec3, voxel_mm: f64, map: &mut Plane<f32>) {
     let Some((pixel, z)) = project_with_depth(camera, centre) else { return };
-    // Half of a cube's edge seen obliquely: between 0.5 and 0.87 of the edge; 0.6 leaves no pinholes at any angle.
-    let radius = 0.6 * voxel_mm * camera.focal[0].max(camera.focal[1]) / z;
-    let (x0, x1) = covered(pixel.x, radius, map.width);
-    let (y0, y1) = covered(pixel.y, radius, map.height);
+    let half = 0.5 * WIDENED * voxel_mm;
+    let to_face = |axis: DVec3| Some(project(camera, centre + half * axis)? - pixel);
+    let [Some(a), Some(b), Some(c)] = DVec3::AXES.map(to_face) else { return };
+    let outline = Outline::of(a, b, c);
+    let (y0, y1) = covered(pixel.y, a.y.abs() + b.y.abs() + c.y.abs(), map.height);
     for y in y0..y1 {
+        let (left, right) = outline.row(y as f64 + 0.5 - pixel.y);
+        let (mut x0, mut x1) = (first_from(pixel.x + left, map.width), first_from(pixel.x + right, map.width));
+        if y as i64 == floor(pixel.y) {
+            (x0, x1) = (x0.min(first_from(pixel.x - 0.5, map.width)), x1.max(first_from(pixel.x + 0.5, map.width)));
+        }
         for first in &mut map.data[y * map.width + x0.min(x1)..y * map.width + x1] {
             *first = first.min(z as f32);
         }
     }
+}
+
+/// How much wider than it is a cube is drawn: its outline is found as if all lines along an axis were parallel, and between
+/// neighbours that differ by their perspective no pixel may be left.
+const WIDENED: f64 = 1.01;
+
+/// The outline of a cube in an image, around its centre \[px\]: where three strips overlap, each along the image of one axis.
+struct Outline([Strip; 3]);
+
+/// The points between two lines along `along`, on both sides of the centre.
+struct Strip {
+    along: DVec2,
+    /// Largest |along × point|.
+    most: f64,
+}
+
+impl Outline {
+    /// From the ways from the centre to three faces.
+    fn of(a: DVec2, b: DVec2, c: DVec2) -> Self {
+        let strip =
+            |along: DVec2, [p, q]: [DVec2; 2]| Strip { along, most: along.perp_dot(p).abs() + along.perp_dot(q).abs() };
+        Self([strip(a, [b, c]), strip(b, [c, a]), strip(c, [a, b])])
+    }
+
+    /// The columns it covers in a row, from and to; the second below the first where there are none.
+    fn row(&self, down: f64) -> (f64, f64) {
+        self.0.iter().fold((f64::NEG_INFINITY, f64::INFINITY), |(left, right), Strip { along, most }| {
+            if along.y.abs() < 1e-9 {
+                return (left, right);
+            }
+            let (middle, half) = (along.x * down / along.y, (most / along.y).abs());
+            (left.max(middle - half), right.min(middle + half))
+        })
+    }
+}
+
+/// The first pixel of a line whose centre is not before `at`.
+fn first_from(at: f64, size: usize) -> usize {
+    floor(at + 0.5).clamp(0, size as i64) as usize
 }
 
 /// The half-open range of pixels whose centres lie within `radius` of `at`, at least the pixel that contains it.
@@ -98,6 +143,7 @@ fn inner_voxels(occupancy: &Occupancy) -> Occupancy {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::{DMat3, DQuat};
     use strandflow_core::{Distortion, RigidTransform};
 
     #[test]
@@ -144,11 +190,37 @@ mod tests {
         assert!((map.depth[(100, 80)] - 477.0).abs() < 1e-3);
         assert!(map.depth[(2, 2)].is_infinite());
         assert!((map.behind(&camera, DVec3::ZERO).unwrap() - 23.0).abs() < 1e-3);
-        // No pinholes: every pixel within the silhouette sees the ball's front half.
-        for (x, y) in (0..200).flat_map(|x| (0..160).map(move |y| (x, y))) {
-            let from_centre = ((x as f64 - 99.5).powi(2) + (y as f64 - 79.5).powi(2)).sqrt();
-            if from_centre < 47.0 {
-                assert!(map.depth[(x, y)] < 502.0, "{x} {y}");
+    }
+
+    #[test]
+    fn nothing_is_seen_through_a_surface_and_outlines_do_not_grow() {
+        let grid = Grid { origin: DVec3::splat(-30.0), voxel_mm: 2.0, dims: [30; 3] };
+        let mut ball = Occupancy::empty(grid);
+        for index in 0..grid.len() {
+            ball.set(index, grid.centre_of_index(index).length() < 25.0);
+        }
+        let surface = surface_voxels(&ball);
+        // Towards faces, edges, corners and between them, upright and rolled.
+        let towards = [DVec3::Z, DVec3::new(1.0, 1.0, 0.0), DVec3::ONE, DVec3::new(-0.3, 0.8, 0.5)];
+        for (from, roll) in towards.into_iter().flat_map(|from| [0.0f64, 0.4, 0.785].map(|roll| (from, roll))) {
+            let turn = DQuat::from_rotation_z(roll) * DQuat::from_rotation_arc(from.normalize(), DVec3::Z);
+            let rotation = DMat3::from_quat(turn);
+            let camera = Camera {
+                name: "c".into(),
+                width: 220,
+                height: 220,
+                focal: [1000.0; 2],
+                principal: [110.0; 2],
+                distortion: Distortion::None,
+                camera_from_world: RigidTransform { rotation, translation: DVec3::Z * 500.0 },
+            };
+            let map = DepthMap::of_voxels(&camera, &grid, &surface);
+            for (x, y) in (0..220).flat_map(|x| (0..220).map(move |y| (x, y))) {
+                let from_centre = (x as f64 - 109.5).hypot(y as f64 - 109.5);
+                // 25 mm at 2 px/mm; voxels' centres lie within, their corners 1.7 mm beyond.
+                let depth = map.depth[(x, y)];
+                assert!(from_centre > 46.0 || depth < 502.0, "{from} {roll}: ({x}, {y}) sees {depth} mm");
+                assert!(from_centre < 55.0 || depth.is_infinite(), "{from} {roll}: ({x}, {y}) is beyond the ball");
             }
         }
     }

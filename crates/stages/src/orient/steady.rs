@@ -9,7 +9,7 @@ use strandflow_core::{Mask, Plane, RgbImage};
 pub use strandflow_image::flow::Flow;
 use strandflow_image::{flow::coarse_flow, region::Region, sample::bilinear_of};
 
-use super::{OrientationMap, angle_of};
+use super::{OrientationMap, angle_of, length};
 
 /// Halvings between an image and its flow: orientations are pooled over more pixels than a flow of this size errs by.
 const FLOW_HALVINGS: usize = 3;
@@ -70,7 +70,7 @@ pub fn half(map: &OrientationMap) -> OrientationMap {
 /// it falls where the frames disagree.
 pub fn steady(own: &OrientationMap, back: &Flow, before: &[Moment], after: &[Moment]) -> OrientationMap {
     let Some(region) = hair_of(own) else { return own.clone() };
-    let mut others = Others::of(region, (own.angle.width, own.angle.height));
+    let mut others = Others::of(own, region);
     let mut way = back.clone();
     for moment in before {
         others.hear(&moment.half, &way);
@@ -82,10 +82,15 @@ pub fn steady(own: &OrientationMap, back: &Flow, before: &[Moment], after: &[Mom
         others.hear(&moment.half, &way);
     }
     let mut out = own.clone();
-    for at in region.pixels().filter(|&at| own.confidence[at] > 0.0) {
-        let mut votes = vote(own, at);
-        add(&mut votes, others.at(at));
-        (out.angle[at], out.confidence[at]) = read(votes);
+    let mut heard = vec![[0.0; 3]; region.width];
+    for y in region.y..region.y + region.height {
+        others.row(region.x, y, &mut heard);
+        for (x, &heard) in (region.x..).zip(&heard).filter(|(x, _)| own.confidence[(*x, y)] > 0.0) {
+            let at = (x, y);
+            let mut votes = vote(own, at);
+            add(&mut votes, heard);
+            (out.angle[at], out.confidence[at]) = read(votes);
+        }
     }
     out
 }
@@ -117,38 +122,58 @@ fn read([cos2, sin2, count]: Votes) -> (f32, f32) {
     if count <= 0.0 {
         return (0.0, 0.0);
     }
-    (angle_of(cos2, sin2), (cos2.hypot(sin2) / count).sqrt().min(1.0))
+    (angle_of(cos2, sin2), (length(cos2, sin2) / count).sqrt().min(1.0))
 }
 
-/// What other frames say about a region of this one, at half its resolution.
+/// What other frames say about the hair of this one, at half its resolution.
 struct Others {
     votes: Plane<Votes>,
-    region: Region,
+    /// The pixels (column, row) that hair pixels of the image lie between.
+    asked: Vec<[usize; 2]>,
 }
 
 impl Others {
-    fn of(region: Region, image: (usize, usize)) -> Self {
-        let (width, height) = half_size(image);
-        let (x, y) = (region.x / 2, region.y / 2);
-        let halved = Region { x, y, width: region.width.div_ceil(2), height: region.height.div_ceil(2) };
-        Self { votes: Plane::filled(width, height, [0.0; 3]), region: halved.grown(1, width, height) }
+    fn of(own: &OrientationMap, region: Region) -> Self {
+        let (width, height) = half_size((own.angle.width, own.angle.height));
+        let mut near = Plane::filled(width, height, false);
+        for (x, y) in region.pixels().filter(|&at| own.confidence[at] > 0.0) {
+            let ([left, right], [above, below]) = (either_side(x, width), either_side(y, height));
+            for at in [(left, above), (right, above), (left, below), (right, below)] {
+                near[at] = true;
+            }
+        }
+        let asked = Region::whole(&near).pixels().filter(|&at| near[at]).map(|(x, y)| [x, y]).collect();
+        Self { votes: Plane::filled(width, height, [0.0; 3]), asked }
     }
 
     /// Adds another frame's map as the flow to that frame shows it.
     fn hear(&mut self, half: &OrientationMap, way: &Flow) {
         let mut votes = Plane::filled(half.angle.width, half.angle.height, [0.0; 3]);
         hair_of(half).into_iter().flat_map(Region::pixels).for_each(|at| votes[at] = vote(half, at));
-        for at @ (x, y) in self.region.pixels() {
+        for &[x, y] in &self.asked {
             let (u, v) = (x as f32 + 0.5, y as f32 + 0.5);
             let [du, dv] = way.at(u / HALF_A_FLOW, v / HALF_A_FLOW);
-            add(&mut self.votes[at], bilinear_of(&votes, u + HALF_A_FLOW * du, v + HALF_A_FLOW * dv));
+            add(&mut self.votes[(x, y)], bilinear_of(&votes, u + HALF_A_FLOW * du, v + HALF_A_FLOW * dv));
         }
     }
 
-    /// What was heard about a pixel of the image.
-    fn at(&self, (x, y): (usize, usize)) -> Votes {
-        bilinear_of(&self.votes, 0.5 * (x as f32 + 0.5), 0.5 * (y as f32 + 0.5))
+    /// What was heard about a row of pixels of the image, from column `x` on; linear between the centres of votes.
+    fn row(&self, x: usize, y: usize, heard: &mut [Votes]) {
+        let [above, below] = either_side(y, self.votes.height).map(|row| self.votes.row(row));
+        let between = |near: &Votes, far: &Votes| std::array::from_fn(|k| 0.75 * near[k] + 0.25 * far[k]);
+        for (x, heard) in (x..).zip(heard) {
+            let [left, right] =
+                either_side(x, self.votes.width).map(|column| -> Votes { between(&above[column], &below[column]) });
+            *heard = between(&left, &right);
+        }
     }
+}
+
+/// The two of `halves` whose centres a pixel of a line lies between: its own, a quarter away, and the next, three quarters away;
+/// its own twice at the ends.
+fn either_side(pixel: usize, halves: usize) -> [usize; 2] {
+    let own = pixel / 2;
+    [own, if pixel.is_multiple_of(2) { own.saturating_sub(1) } else { (own + 1).min(halves - 1) }]
 }
 
 #[cfg(test)]
@@ -199,6 +224,26 @@ mod tests {
         let away = moment(&frame(200.0, 0.0, 0.0), 0.0);
         let found = steady(&own, &away.back, std::slice::from_ref(&away), &[]);
         assert!(off(found.angle[(40, 32)], 1.0) < 1e-3 && (found.confidence[(40, 32)] - 0.8).abs() < 1e-3);
+    }
+
+    #[test]
+    fn rows_between_votes_are_bilinear_up_to_the_border() {
+        // Sides that are no multiple of two.
+        let own = OrientationMap { angle: Plane::filled(13, 9, 1.0), confidence: Plane::filled(13, 9, 0.5) };
+        let mut others = Others::of(&own, Region::whole(&own.angle));
+        assert_eq!(others.asked.len(), 7 * 5);
+        others.votes.data.iter_mut().enumerate().for_each(|(i, votes)| *votes = [i as f32, (i * i % 17) as f32, 1.0]);
+        let mut row = vec![[0.0; 3]; 13];
+        for y in 0..9 {
+            others.row(0, y, &mut row);
+            for (x, found) in row.iter().enumerate() {
+                let expected = bilinear_of(&others.votes, 0.5 * (x as f32 + 0.5), 0.5 * (y as f32 + 0.5));
+                assert!(
+                    found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-4),
+                    "({x}, {y}): {found:?}, {expected:?}"
+                );
+            }
+        }
     }
 
     #[test]
