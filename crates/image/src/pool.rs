@@ -14,17 +14,36 @@ pub fn isotropic(energy: &OrientationEnergy, sigma: f32) -> OrientationEnergy {
     OrientationEnergy { cos2: blur(&energy.cos2), sin2: blur(&energy.sin2), total: blur(&energy.total) }
 }
 
-/// Pools `energy` along the lines of the `guide` field with a Gaussian of `sigma` \[px\] of arc length (to 2 sigma), and again
-/// along the lines of what that gave.
+/// Pools `energy` along the lines of the `guide` field with a Gaussian of `sigma` \[px\] of arc length (to 2 sigma).
 ///
 /// Lines are followed in steps of two pixels through the nearest guide vector, so the window bends with the lines; it
 /// ends where `inside` does or where the line turns by more than 60° in a step (another layer of lines).
-pub fn along_lines_twice(energy: &OrientationEnergy, inside: &Plane<bool>, sigma: f32) -> OrientationEnergy {
-    let mut field = Field::new(energy, inside);
-    field.turn_to(energy, inside);
-    let once = field.along_lines(inside, sigma);
-    field.turn_to(&once, inside);
-    field.along_lines(inside, sigma)
+pub fn along_lines(
+    energy: &OrientationEnergy,
+    guide: &OrientationEnergy,
+    inside: &Plane<bool>,
+    sigma: f32,
+) -> OrientationEnergy {
+    let (width, height) = (inside.width, inside.height);
+    let reach = (2.0 * sigma / STEP as f32).round().max(1.0) as usize;
+    let weights: Vec<f32> = (0..=reach).map(|i| (-0.5 * ((i * STEP) as f32 / sigma).powi(2)).exp()).collect();
+    let field = Field::new(energy, guide, inside);
+    let mut out = [0, 1, 2].map(|_| Plane::filled(width, height, 0.0f32));
+    let [cos2, sin2, total] = &mut out;
+    let rows =
+        cos2.data.par_chunks_mut(width).zip(sin2.data.par_chunks_mut(width)).zip(total.data.par_chunks_mut(width));
+    rows.enumerate().for_each(|(y, ((cos2, sin2), total))| {
+        let columns: Vec<usize> = (0..width).filter(|&x| inside[(x, y)]).collect();
+        for columns in columns.chunks(TOGETHER) {
+            // What is left at the end of a row fills up with itself.
+            let pixels = std::array::from_fn(|lane| [columns[lane % columns.len()], y]);
+            for (&x, pooled) in columns.iter().zip(field.pooled(pixels, &weights)) {
+                [cos2[x], sin2[x], total[x]] = pooled;
+            }
+        }
+    });
+    let [cos2, sin2, total] = out;
+    OrientationEnergy { cos2, sin2, total }
 }
 
 /// Way between two samples of a line \[px\].
@@ -47,16 +66,6 @@ struct Cell {
     direction: [f32; 2],
 }
 
-/// Does something to the cell of every pixel that is inside, whose index it is told.
-fn for_inside(cells: &mut [Cell], inside: &Plane<bool>, mut change: impl FnMut(&mut Cell, usize)) {
-    let (width, stride) = (inside.width, inside.width + 2 * BORDER);
-    for y in 0..inside.height {
-        let row = &mut cells[(y + BORDER) * stride + BORDER..][..width];
-        let pixels = inside.row(y).iter().zip(row).enumerate();
-        pixels.filter(|(_, (inside, _))| **inside).for_each(|(x, (_, cell))| change(cell, y * width + x));
-    }
-}
-
 /// The cells with a border that no line crosses.
 struct Field {
     stride: usize,
@@ -64,46 +73,21 @@ struct Field {
 }
 
 impl Field {
-    fn new(energy: &OrientationEnergy, inside: &Plane<bool>) -> Self {
+    fn new(energy: &OrientationEnergy, guide: &OrientationEnergy, inside: &Plane<bool>) -> Self {
         let stride = inside.width + 2 * BORDER;
         let mut cells = vec![Cell::default(); stride * (inside.height + 2 * BORDER)];
-        for_inside(&mut cells, inside, |cell, i| {
-            cell.energy = Vec4::new(energy.cos2.data[i], energy.sin2.data[i], energy.total.data[i], 1.0);
-        });
-        Self { stride, cells }
-    }
-
-    /// Lines follow another guide.
-    fn turn_to(&mut self, guide: &OrientationEnergy, inside: &Plane<bool>) {
-        for_inside(&mut self.cells, inside, |cell, i| {
+        for (i, _) in inside.data.iter().enumerate().filter(|(_, inside)| **inside) {
             // Half of the doubled angle, without an angle.
             let (c, s) = (guide.cos2.data[i], guide.sin2.data[i]);
             let length = (c * c + s * s).sqrt();
             let cosine = if length > 0.0 { c / length } else { 1.0 };
-            cell.direction =
+            let direction =
                 [(0.5 * (1.0 + cosine)).max(0.0).sqrt(), (0.5 * (1.0 - cosine)).max(0.0).sqrt().copysign(s)];
-        });
-    }
-
-    /// The energies pooled along the lines; zero where not `inside`.
-    fn along_lines(&self, inside: &Plane<bool>, sigma: f32) -> OrientationEnergy {
-        let (width, height) = (inside.width, inside.height);
-        let reach = (2.0 * sigma / STEP as f32).round().max(1.0) as usize;
-        let weights: Vec<f32> = (0..=reach).map(|i| (-0.5 * ((i * STEP) as f32 / sigma).powi(2)).exp()).collect();
-        let mut out = OrientationEnergy::zero(width, height);
-        let rows = [&mut out.cos2, &mut out.sin2, &mut out.total].map(|plane| plane.data.par_chunks_mut(width));
-        let [cos2, sin2, total] = rows;
-        cos2.zip(sin2).zip(total).enumerate().for_each(|(y, ((cos2, sin2), total))| {
-            let columns: Vec<usize> = (0..width).filter(|&x| inside[(x, y)]).collect();
-            for columns in columns.chunks(TOGETHER) {
-                // What is left at the end of a row fills up with itself.
-                let pixels = std::array::from_fn(|lane| [columns[lane % columns.len()], y]);
-                for (&x, pooled) in columns.iter().zip(self.pooled(pixels, &weights)) {
-                    [cos2[x], sin2[x], total[x]] = pooled;
-                }
-            }
-        });
-        out
+            let at = (i / inside.width + BORDER) * stride + i % inside.width + BORDER;
+            let energy = Vec4::new(energy.cos2.data[i], energy.sin2.data[i], energy.total.data[i], 1.0);
+            cells[at] = Cell { energy, direction };
+        }
+        Self { stride, cells }
     }
 
     /// The weighted means of the energies along the lines through pixels (column, row). On the widest registers there are;
@@ -140,13 +124,12 @@ impl Field {
                 v[lane] += dy[lane];
             }
             let (column, row, stride) = (truncated(u), truncated(v), self.stride as i32);
-            let mut cells = [&self.cells[0]; LANES];
-            let (mut nx, mut ny, mut share) = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
-            for lane in 0..LANES {
-                let at = row[lane].wrapping_mul(stride).wrapping_add(column[lane]);
-                cells[lane] = self.cells.get(at as usize).unwrap_or(&self.cells[0]);
-                [nx[lane], ny[lane]] = cells[lane].direction;
-            }
+            let at: [i32; LANES] =
+                std::array::from_fn(|lane| row[lane].wrapping_mul(stride).wrapping_add(column[lane]));
+            let cells = at.map(|at| self.cells.get(at as usize).unwrap_or(&self.cells[0]));
+            let nx: [f32; LANES] = std::array::from_fn(|lane| cells[lane].direction[0]);
+            let ny: [f32; LANES] = std::array::from_fn(|lane| cells[lane].direction[1]);
+            let mut share = [0.0f32; LANES];
             for lane in 0..LANES {
                 let turn = nx[lane] * dx[lane] + ny[lane] * dy[lane];
                 let goes_on = turn.abs() >= 0.5 * WAY;
@@ -189,15 +172,14 @@ mod tests {
         let energy = OrientationEnergy { cos2: plane(3), sin2: plane(5), total: plane(11).map(|v| v + 100.0) };
         let inside = Plane::from_fn(width, height, |x, y| (x as f32 - 30.0).hypot(y as f32 - 20.0) < 17.0);
         let weights = [1.0, 0.9, 0.7, 0.4, 0.2];
-        let mut field = Field::new(&energy, &inside);
-        field.turn_to(&isotropic(&energy, 3.0), &inside);
+        let field = Field::new(&energy, &isotropic(&energy, 3.0), &inside);
         for y in 4..36 {
             let pixels = std::array::from_fn(|lane| [26 + lane, y]);
             assert_eq!(field.pooled(pixels, &weights), field.pooled_lanes(pixels, &weights));
         }
         // A line of its own: across a constant field the mean is that of the row's inside.
         let along_x = OrientationEnergy { cos2: plane(0).map(|_| 1.0), ..OrientationEnergy::zero(width, height) };
-        field.turn_to(&along_x, &inside);
+        let field = Field::new(&energy, &along_x, &inside);
         let [found, ..] = field.pooled([[15, 20]; TOGETHER], &weights);
         let row = [(15, 1.0), (17, 0.9), (19, 0.7), (21, 0.4), (23, 0.2), (13, 0.0)];
         let mean = |of: &Plane<f32>| {

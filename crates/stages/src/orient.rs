@@ -8,7 +8,7 @@ use strandflow_image::{
     colour::luma_of,
     filter::{gaussian, gaussian_where},
     gabor::{OrientationEnergy, add_energy},
-    pool::{along_lines_twice, isotropic},
+    pool::{along_lines, isotropic},
     region::Region,
 };
 
@@ -149,7 +149,9 @@ pub fn orient(
         Mode::Paper => energy,
         Mode::Robust => {
             let wide = isotropic(&energy, settings.pool_px);
-            supported(along_lines_twice(&wide, &inside, settings.pool_along_px), settings.support_px)
+            let once = along_lines(&wide, &wide, &inside, settings.pool_along_px);
+            let along = along_lines(&wide, &once, &inside, settings.pool_along_px);
+            supported(along, settings.support_px)
         }
     };
     let (angle, mut confidence) = read_out(&pooled, &inside);

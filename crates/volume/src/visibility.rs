@@ -41,28 +41,29 @@ pub fn without_layers(occupancy: &Occupancy, layers: usize) -> Occupancy {
     (0..layers).fold(occupancy.clone(), |rest, _| inner_voxels(&rest))
 }
 
-/// Draws one voxel into the z-buffer: the pixels within the outline of its cube, and the one that its centre falls in.
+/// Draws one voxel into the z-buffer: the pixel that its centre falls in, and those whose centres its cube covers.
 fn splat(camera: &Camera, centre: DVec3, voxel_mm: f64, map: &mut Plane<f32>) {
     let Some((pixel, z)) = project_with_depth(camera, centre) else { return };
+    let depth = z as f32;
+    if map.at_point(pixel.x, pixel.y).is_some_and(|&first| depth < first) {
+        map[(pixel.x as usize, pixel.y as usize)] = depth;
+    }
     let half = 0.5 * WIDENED * voxel_mm;
     let to_face = |axis: DVec3| Some(project(camera, centre + half * axis)? - pixel);
     let [Some(a), Some(b), Some(c)] = DVec3::AXES.map(to_face) else { return };
     let outline = Outline::of(a, b, c);
-    let (y0, y1) = covered(pixel.y, a.y.abs() + b.y.abs() + c.y.abs(), map.height);
-    for y in y0..y1 {
+    let down = a.y.abs() + b.y.abs() + c.y.abs();
+    for y in first_from(pixel.y - down, map.height)..first_from(pixel.y + down, map.height) {
         let (left, right) = outline.row(y as f64 + 0.5 - pixel.y);
-        let (mut x0, mut x1) = (first_from(pixel.x + left, map.width), first_from(pixel.x + right, map.width));
-        if y as i64 == floor(pixel.y) {
-            (x0, x1) = (x0.min(first_from(pixel.x - 0.5, map.width)), x1.max(first_from(pixel.x + 0.5, map.width)));
-        }
+        let (x0, x1) = (first_from(pixel.x + left, map.width), first_from(pixel.x + right, map.width));
         for first in &mut map.data[y * map.width + x0.min(x1)..y * map.width + x1] {
-            *first = first.min(z as f32);
+            *first = first.min(depth);
         }
     }
 }
 
-/// How much wider than it is a cube is drawn: its outline is found as if all lines along an axis were parallel, and between
-/// neighbours that differ by their perspective no pixel may be left.
+/// How large cubes are drawn, of their size. Outlines are found as if the edges along an axis were parallel; perspective opens
+/// gaps between neighbours then, far narrower than this.
 const WIDENED: f64 = 1.01;
 
 /// The outline of a cube in an image, around its centre \[px\]: where three strips overlap, each along the image of one axis.
@@ -100,14 +101,6 @@ fn first_from(at: f64, size: usize) -> usize {
     floor(at + 0.5).clamp(0, size as i64) as usize
 }
 
-/// The half-open range of pixels whose centres lie within `radius` of `at`, at least the pixel that contains it.
-fn covered(at: f64, radius: f64, size: usize) -> (usize, usize) {
-    let (here, size) = (floor(at), size as i64);
-    let low = floor(at - radius + 0.5).min(here);
-    let high = floor(at + radius + 0.5).max(here.saturating_add(1));
-    (low.clamp(0, size) as usize, high.clamp(0, size) as usize)
-}
-
 /// The voxels of an occupancy with at least one of their six neighbours empty (or outside the grid), rising.
 pub fn surface_voxels(occupancy: &Occupancy) -> Vec<u32> {
     let inner = inner_voxels(occupancy);
@@ -142,9 +135,10 @@ fn inner_voxels(occupancy: &Occupancy) -> Occupancy {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use glam::{DMat3, DQuat};
     use strandflow_core::{Distortion, RigidTransform};
+
+    use super::*;
 
     #[test]
     fn the_surface_is_what_has_an_empty_neighbour() {
@@ -169,22 +163,44 @@ mod tests {
         assert!(rest.count() > 300 && surface.iter().all(|&voxel| !rest.get(voxel as usize)));
     }
 
-    #[test]
-    fn a_ball_is_seen_from_the_front() {
+    /// A ball of 25 mm and its grid.
+    fn ball() -> (Grid, Occupancy) {
         let grid = Grid { origin: DVec3::splat(-30.0), voxel_mm: 2.0, dims: [30; 3] };
         let mut ball = Occupancy::empty(grid);
-        for index in 0..grid.len() {
-            ball.set(index, grid.centre_of_index(index).length() < 25.0);
-        }
-        let camera = Camera {
+        (0..grid.len()).for_each(|index| ball.set(index, grid.centre_of_index(index).length() < 25.0));
+        (grid, ball)
+    }
+
+    /// Looks at the origin from 500 mm, 2 px a millimetre there.
+    fn camera(rotation: DMat3) -> Camera {
+        Camera {
             name: "c".into(),
             width: 200,
             height: 160,
             focal: [1000.0; 2],
             principal: [100.0, 80.0],
             distortion: Distortion::None,
-            camera_from_world: RigidTransform { translation: DVec3::Z * 500.0, ..RigidTransform::IDENTITY },
-        };
+            camera_from_world: RigidTransform { rotation, translation: DVec3::Z * 500.0 },
+        }
+    }
+
+    /// Towards faces, edges, corners and between them, upright and rolled.
+    fn turns() -> impl Iterator<Item = DMat3> {
+        let towards = [DVec3::Z, DVec3::new(1.0, 1.0, 0.0), DVec3::ONE, DVec3::new(-0.3, 0.8, 0.5)];
+        towards.into_iter().flat_map(|from| {
+            let turn = DQuat::from_rotation_arc(from.normalize(), DVec3::Z);
+            [0.0f64, 0.4, 0.785].map(|roll| DMat3::from_quat(DQuat::from_rotation_z(roll) * turn))
+        })
+    }
+
+    fn pixels(camera: &Camera) -> impl Iterator<Item = (usize, usize)> {
+        let (width, height) = (camera.width, camera.height);
+        (0..height).flat_map(move |y| (0..width).map(move |x| (x, y)))
+    }
+
+    #[test]
+    fn a_ball_is_seen_from_the_front() {
+        let ((grid, ball), camera) = (ball(), camera(DMat3::IDENTITY));
         let map = DepthMap::of_voxels(&camera, &grid, &surface_voxels(&ball));
         // Of the centres beside the axis, those at z = −23 are the first within 25 mm of the ball's: |(1, 1, 25)| > 25.
         assert!((map.depth[(100, 80)] - 477.0).abs() < 1e-3);
@@ -193,35 +209,48 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_seen_through_a_surface_and_outlines_do_not_grow() {
-        let grid = Grid { origin: DVec3::splat(-30.0), voxel_mm: 2.0, dims: [30; 3] };
-        let mut ball = Occupancy::empty(grid);
-        for index in 0..grid.len() {
-            ball.set(index, grid.centre_of_index(index).length() < 25.0);
-        }
+    fn nothing_is_seen_through_a_surface() {
+        let (grid, ball) = ball();
         let surface = surface_voxels(&ball);
-        // Towards faces, edges, corners and between them, upright and rolled.
-        let towards = [DVec3::Z, DVec3::new(1.0, 1.0, 0.0), DVec3::ONE, DVec3::new(-0.3, 0.8, 0.5)];
-        for (from, roll) in towards.into_iter().flat_map(|from| [0.0f64, 0.4, 0.785].map(|roll| (from, roll))) {
-            let turn = DQuat::from_rotation_z(roll) * DQuat::from_rotation_arc(from.normalize(), DVec3::Z);
-            let rotation = DMat3::from_quat(turn);
-            let camera = Camera {
-                name: "c".into(),
-                width: 220,
-                height: 220,
-                focal: [1000.0; 2],
-                principal: [110.0; 2],
-                distortion: Distortion::None,
-                camera_from_world: RigidTransform { rotation, translation: DVec3::Z * 500.0 },
-            };
+        for turn in turns() {
+            let camera = camera(turn);
             let map = DepthMap::of_voxels(&camera, &grid, &surface);
-            for (x, y) in (0..220).flat_map(|x| (0..220).map(move |y| (x, y))) {
-                let from_centre = (x as f64 - 109.5).hypot(y as f64 - 109.5);
-                // 25 mm at 2 px/mm; voxels' centres lie within, their corners 1.7 mm beyond.
+            for (x, y) in pixels(&camera) {
+                let from_centre = (x as f64 - 99.5).hypot(y as f64 - 79.5);
                 let depth = map.depth[(x, y)];
-                assert!(from_centre > 46.0 || depth < 502.0, "{from} {roll}: ({x}, {y}) sees {depth} mm");
-                assert!(from_centre < 55.0 || depth.is_infinite(), "{from} {roll}: ({x}, {y}) is beyond the ball");
+                assert!(from_centre >= 47.0 || depth < 502.0, "{turn}: ({x}, {y}) sees {depth} mm");
             }
+        }
+    }
+
+    #[test]
+    fn a_voxel_covers_the_pixels_whose_rays_meet_its_cube() {
+        // 20 px an edge and off the axis; the perspective of a cube this large is two hundredths.
+        let grid = Grid { origin: DVec3::new(6.0, -9.0, 3.0), voxel_mm: 10.0, dims: [1; 3] };
+        for turn in turns() {
+            let camera = camera(turn);
+            let map = DepthMap::of_voxels(&camera, &grid, &[0]);
+            let world_from_camera = turn.transpose();
+            let eye = world_from_camera * -camera.camera_from_world.translation;
+            // Whether the ray through a pixel's centre meets the cube, made larger or smaller.
+            let meets = |(x, y): (usize, usize), scale: f64| {
+                let ray = DVec3::new((x as f64 - 99.5) / 1000.0, (y as f64 - 79.5) / 1000.0, 1.0);
+                let (ray, to_centre) = (world_from_camera * ray, grid.centre_of_index(0) - eye);
+                let (mut enters, mut leaves) = (f64::NEG_INFINITY, f64::INFINITY);
+                for axis in 0..3 {
+                    let faces = [-5.0, 5.0].map(|half| (to_centre[axis] + scale * half) / ray[axis]);
+                    (enters, leaves) = (enters.max(faces[0].min(faces[1])), leaves.min(faces[0].max(faces[1])));
+                }
+                enters <= leaves
+            };
+            let mut covered = 0;
+            for at in pixels(&camera) {
+                let drawn = map.depth[at].is_finite();
+                covered += usize::from(drawn);
+                assert!(drawn || !meets(at, 0.97), "{turn}: {at:?} is left out");
+                assert!(!drawn || meets(at, 1.05), "{turn}: {at:?} is beyond the cube");
+            }
+            assert!(covered > 350, "{turn}: {covered}");
         }
     }
 }
