@@ -64,7 +64,7 @@ fn pooling(bench: &mut Criterion) {
     group.throughput(Throughput::Elements(PIXELS * 20 * 20));
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     group.bench_function("sigma 10", |b| {
-        b.iter(|| one.install(|| along_lines(black_box(&energy), &energy, &inside, 10.0)));
+        b.iter(|| one.install(|| along_lines(black_box(&energy), &energy, &inside, (10.0, 2.0))));
     });
 }
 

@@ -219,8 +219,8 @@ fn gaussian_by_blocks(plane: &Plane<f32>, sigma: f32, factor: usize) -> Plane<f3
     enlarged(&small, factor, plane.width, plane.height)
 }
 
-/// What blocks of `factor`² pixels and the interpolation between them leave of a sigma \[px\], in blocks.
-fn narrower(sigma: f32, factor: usize) -> f32 {
+/// What [`block_means`] and the linear interpolation between them leave of a sigma \[px\], in blocks.
+pub fn narrower(sigma: f32, factor: usize) -> f32 {
     let f = factor as f32;
     // Variances of a block's mean and of the triangle of linear interpolation.
     let (mean, triangle) = ((f * f - 1.0) / 12.0, f * f / 6.0);
@@ -237,7 +237,7 @@ fn between(pixel: usize, factor: usize, blocks: usize) -> (usize, usize, f32) {
 }
 
 /// The means of blocks of `factor`² pixels; the border is repeated where the last blocks stand over.
-fn block_means(plane: &Plane<f32>, factor: usize) -> Plane<f32> {
+pub fn block_means(plane: &Plane<f32>, factor: usize) -> Plane<f32> {
     let (width, height) = (plane.width.div_ceil(factor), plane.height.div_ceil(factor));
     let mut out = Plane::filled(width, height, 0.0f32);
     let share = 1.0 / (factor * factor) as f32;
@@ -357,6 +357,33 @@ pub fn halved(plane: &Plane<f32>) -> Plane<f32> {
     })
 }
 
+/// Variance of the blur that [`halved`] begins with: that of its Gaussian and of the mean of two pixels \[px²\].
+pub const BLUR_OF_HALVING: f32 = 1.25;
+
+/// A plane of `width` × `height` from one of half the resolution, linear between the centres of its pixels.
+pub fn doubled(half: &Plane<f32>, width: usize, height: usize) -> Plane<f32> {
+    let between = |near: f32, far: f32| 0.75 * near + 0.25 * far;
+    let mut out = Plane { width, height, data: Vec::with_capacity(width * height) };
+    let mut row = vec![0.0f32; half.width];
+    for y in 0..height {
+        let [near, far] = either_side(y, half.height).map(|y| half.row(y));
+        row.iter_mut().zip(near.iter().zip(far)).for_each(|(value, (&near, &far))| *value = between(near, far));
+        out.data.extend((0..width).map(|x| {
+            let [near, far] = either_side(x, half.width).map(|x| row[x]);
+            between(near, far)
+        }));
+    }
+    out
+}
+
+/// The two of `halves` pixels of half the resolution whose centres a pixel of a line lies between: its own, a quarter away, and
+/// the next, three quarters away; its own twice at the ends.
+#[inline]
+pub fn either_side(pixel: usize, halves: usize) -> [usize; 2] {
+    let own = pixel / 2;
+    [own, if pixel.is_multiple_of(2) { own.saturating_sub(1) } else { (own + 1).min(halves - 1) }]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -436,5 +463,27 @@ mod tests {
         let plane = Plane::from_fn(16, 12, |x, _| if x < 8 { 5.0 } else { 100.0 });
         let known = plane.map(|&v| if v < 50.0 { 1.0 } else { 0.0 });
         assert!((gaussian_where(&plane, &known, 2.0)[(7, 6)] - 5.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn halving_blurs_as_it_says_and_doubling_brings_slow_waves_back() {
+        for degrees in [0.0f32, 20.0, 45.0, 90.0] {
+            let (sine, cosine) = degrees.to_radians().sin_cos();
+            let wave = |length: f32, u: f32, v: f32| (std::f32::consts::TAU / length * (u * cosine + v * sine)).sin();
+            let plane = Plane::from_fn(61, 47, |x, y| wave(9.5, x as f32 + 0.5, y as f32 + 0.5));
+            let half = halved(&plane);
+            assert_eq!((half.width, half.height), (31, 24));
+            let left = (-0.5 * BLUR_OF_HALVING * (std::f32::consts::TAU / 9.5).powi(2)).exp();
+            for (y, x) in (4..20).flat_map(|y| (4..26).map(move |x| (y, x))) {
+                let expected = left * wave(9.5, 2.0 * (x as f32 + 0.5), 2.0 * (y as f32 + 0.5));
+                assert!((half[(x, y)] - expected).abs() < 5e-3, "{degrees}°: {} {expected}", half[(x, y)]);
+            }
+            let slow = Plane::from_fn(31, 24, |x, y| wave(60.0, 2.0 * (x as f32 + 0.5), 2.0 * (y as f32 + 0.5)));
+            let full = doubled(&slow, 61, 47);
+            for (y, x) in (2..44).flat_map(|y| (2..58).map(move |x| (y, x))) {
+                assert!((full[(x, y)] - wave(60.0, x as f32 + 0.5, y as f32 + 0.5)).abs() < 6e-3);
+            }
+            assert_eq!(full[(0, 0)], slow[(0, 0)]);
+        }
     }
 }

@@ -27,6 +27,11 @@ impl OrientationEnergy {
         let plane = Plane::filled(width, height, 0.0);
         Self { cos2: plane.clone(), sin2: plane.clone(), total: plane }
     }
+
+    /// The same done to all three planes.
+    pub fn each(&self, f: impl Fn(&Plane<f32>) -> Plane<f32>) -> Self {
+        Self { cos2: f(&self.cos2), sin2: f(&self.sin2), total: f(&self.total) }
+    }
 }
 
 /// Adds `gain` times the energies (squared magnitude of even and odd response) of `orientations` filter pairs of one

@@ -10,23 +10,24 @@ use crate::{filter::gaussian, gabor::OrientationEnergy};
 
 /// Gaussian pooling with one sigma \[px\] in every direction.
 pub fn isotropic(energy: &OrientationEnergy, sigma: f32) -> OrientationEnergy {
-    let blur = |plane| gaussian(plane, sigma);
-    OrientationEnergy { cos2: blur(&energy.cos2), sin2: blur(&energy.sin2), total: blur(&energy.total) }
+    energy.each(|plane| gaussian(plane, sigma))
 }
 
 /// Pools `energy` along the lines of the `guide` field with a Gaussian of `sigma` \[px\] of arc length (to 2 sigma).
 ///
-/// Lines are followed in steps of two pixels through the nearest guide vector, so the window bends with the lines; it
-/// ends where `inside` does or where the line turns by more than 60° in a step (another layer of lines).
+/// Lines are followed in steps of `step` \[px\], [`LONGEST_STEP`] at most, through the nearest guide vector, so the window
+/// bends with the lines; it ends where `inside` does or where the line turns by more than 60° in a step (another layer of
+/// lines).
 pub fn along_lines(
     energy: &OrientationEnergy,
     guide: &OrientationEnergy,
     inside: &Plane<bool>,
-    sigma: f32,
+    (sigma, step): (f32, f32),
 ) -> OrientationEnergy {
+    debug_assert!(step <= LONGEST_STEP as f32);
     let (width, height) = (inside.width, inside.height);
-    let reach = (2.0 * sigma / STEP as f32).round().max(1.0) as usize;
-    let weights: Vec<f32> = (0..=reach).map(|i| (-0.5 * ((i * STEP) as f32 / sigma).powi(2)).exp()).collect();
+    let reach = (2.0 * sigma / step).round().max(1.0) as usize;
+    let weights: Vec<f32> = (0..=reach).map(|i| (-0.5 * (i as f32 * step / sigma).powi(2)).exp()).collect();
     let field = Field::new(energy, guide, inside);
     let mut out = [0, 1, 2].map(|_| Plane::filled(width, height, 0.0f32));
     let [cos2, sin2, total] = &mut out;
@@ -37,7 +38,7 @@ pub fn along_lines(
         for columns in columns.chunks(TOGETHER) {
             // What is left at the end of a row fills up with itself.
             let pixels = std::array::from_fn(|lane| [columns[lane % columns.len()], y]);
-            for (&x, pooled) in columns.iter().zip(field.pooled(pixels, &weights)) {
+            for (&x, pooled) in columns.iter().zip(field.pooled(pixels, &weights, step)) {
                 [cos2[x], sin2[x], total[x]] = pooled;
             }
         }
@@ -46,11 +47,11 @@ pub fn along_lines(
     OrientationEnergy { cos2, sin2, total }
 }
 
-/// Way between two samples of a line \[px\].
-const STEP: usize = 2;
+/// Longest way between two samples of a line \[px\].
+pub const LONGEST_STEP: usize = 2;
 
 /// Width of the border: a step, and a pixel since a rounded step may be longer by a bit.
-const BORDER: usize = STEP + 1;
+const BORDER: usize = LONGEST_STEP + 1;
 
 /// Pixels whose lines are followed at once, both ways each: every line waits for its cells, and the others go on meanwhile.
 const TOGETHER: usize = 8;
@@ -92,30 +93,29 @@ impl Field {
 
     /// The weighted means of the energies along the lines through pixels (column, row). On the widest registers there are;
     /// the same operations in the same order on all.
-    fn pooled(&self, pixels: [[usize; 2]; TOGETHER], weights: &[f32]) -> [[f32; 3]; TOGETHER] {
+    fn pooled(&self, pixels: [[usize; 2]; TOGETHER], weights: &[f32], step: f32) -> [[f32; 3]; TOGETHER] {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
             // SAFETY: the feature has just been detected.
-            return unsafe { self.pooled_avx2(pixels, weights) };
+            return unsafe { self.pooled_avx2(pixels, weights, step) };
         }
-        self.pooled_lanes(pixels, weights)
+        self.pooled_lanes(pixels, weights, step)
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
-    unsafe fn pooled_avx2(&self, pixels: [[usize; 2]; TOGETHER], weights: &[f32]) -> [[f32; 3]; TOGETHER] {
-        self.pooled_lanes(pixels, weights)
+    unsafe fn pooled_avx2(&self, pixels: [[usize; 2]; TOGETHER], weights: &[f32], step: f32) -> [[f32; 3]; TOGETHER] {
+        self.pooled_lanes(pixels, weights, step)
     }
 
     #[inline(always)]
-    fn pooled_lanes(&self, pixels: [[usize; 2]; TOGETHER], weights: &[f32]) -> [[f32; 3]; TOGETHER] {
-        const WAY: f32 = STEP as f32;
+    fn pooled_lanes(&self, pixels: [[usize; 2]; TOGETHER], weights: &[f32], step: f32) -> [[f32; 3]; TOGETHER] {
         let starts = pixels.map(|[x, y]| &self.cells[(y + BORDER) * self.stride + x + BORDER]);
         let mut sums = starts.map(|cell| cell.energy * weights[0]);
         // Lane 2 i goes forwards from pixel i, lane 2 i + 1 backwards. A line that ended stands still.
         let mut u: [f32; LANES] = std::array::from_fn(|lane| (pixels[lane / 2][0] + BORDER) as f32 + 0.5);
         let mut v: [f32; LANES] = std::array::from_fn(|lane| (pixels[lane / 2][1] + BORDER) as f32 + 0.5);
-        let way = |lane: usize| if lane.is_multiple_of(2) { WAY } else { -WAY };
+        let way = |lane: usize| if lane.is_multiple_of(2) { step } else { -step };
         let mut dx: [f32; LANES] = std::array::from_fn(|lane| starts[lane / 2].direction[0] * way(lane));
         let mut dy: [f32; LANES] = std::array::from_fn(|lane| starts[lane / 2].direction[1] * way(lane));
         for &weight in &weights[1..] {
@@ -132,8 +132,8 @@ impl Field {
             let mut share = [0.0f32; LANES];
             for lane in 0..LANES {
                 let turn = nx[lane] * dx[lane] + ny[lane] * dy[lane];
-                let goes_on = turn.abs() >= 0.5 * WAY;
-                let along = if goes_on { WAY.copysign(turn) } else { 0.0 };
+                let goes_on = turn.abs() >= 0.5 * step;
+                let along = if goes_on { step.copysign(turn) } else { 0.0 };
                 share[lane] = if goes_on { weight } else { 0.0 };
                 (dx[lane], dy[lane]) = (along * nx[lane], along * ny[lane]);
             }
@@ -175,12 +175,12 @@ mod tests {
         let field = Field::new(&energy, &isotropic(&energy, 3.0), &inside);
         for y in 4..36 {
             let pixels = std::array::from_fn(|lane| [26 + lane, y]);
-            assert_eq!(field.pooled(pixels, &weights), field.pooled_lanes(pixels, &weights));
+            assert_eq!(field.pooled(pixels, &weights, 2.0), field.pooled_lanes(pixels, &weights, 2.0));
         }
         // A line of its own: across a constant field the mean is that of the row's inside.
         let along_x = OrientationEnergy { cos2: plane(0).map(|_| 1.0), ..OrientationEnergy::zero(width, height) };
         let field = Field::new(&energy, &along_x, &inside);
-        let [found, ..] = field.pooled([[15, 20]; TOGETHER], &weights);
+        let [found, ..] = field.pooled([[15, 20]; TOGETHER], &weights, 2.0);
         let row = [(15, 1.0), (17, 0.9), (19, 0.7), (21, 0.4), (23, 0.2), (13, 0.0)];
         let mean = |of: &Plane<f32>| {
             let (sum, all) = row.iter().fold((0.0, 0.0), |(s, a), &(x, w)| (s + w * of[(x, 20)], a + w));

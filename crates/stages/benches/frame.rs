@@ -1,7 +1,8 @@
-//! The stages of one frame between maps and strands, at the paper's size: seven views of 640×480, 220×190×210 voxels of 2 mm,
-//! 8,000 roots; hair of known directions on a ball. `field`'s solvers are in `strandflow-volume`'s benchmarks, `orient`'s filters in
-//! `strandflow-image`'s. `lift` and `grow` are counted in floating-point operations of what they gather (the constants below), so that
-//! the throughput is a lower bound, of all threads; `field` and `prune` in voxels and points.
+//! One view's orientations, and the stages of one frame between maps and strands, at the paper's size: seven views of 640×480,
+//! 220×190×210 voxels of 2 mm, 8,000 roots; hair of known directions on a ball. `field`'s solvers are in `strandflow-volume`'s
+//! benchmarks, `orient`'s filters in `strandflow-image`'s. `lift` and `grow` are counted in floating-point operations of what they
+//! gather (the constants below), so that the throughput is a lower bound, of all threads; `orient`, `field` and `prune` in pixels,
+//! voxels and points.
 #![allow(missing_docs)]
 #![expect(clippy::unwrap_used, reason = "a bench: a failing unwrap ends it")]
 #![expect(clippy::print_stdout, reason = "the sizes that the times belong to")]
@@ -18,12 +19,13 @@ use std::hint::black_box;
 use ball::{Scene, grown};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DVec3, Vec3};
-use strandflow_core::{Camera, Grid, Report, Rig, RigidTransform, SparseVoxels, Strands};
+use strandflow_core::{Camera, Grid, Mask, Place, Report, RgbImage, Rig, RigidTransform, SparseVoxels, Strands};
 use strandflow_geometry::primitives::icosphere;
 use strandflow_stages::{
     Mode,
     field::head_distance,
     grow::Before,
+    orient::{OrientSettings, orient},
     prune::{PruneInput, PruneSettings, prune},
 };
 
@@ -61,6 +63,32 @@ fn normals() -> Vec<DVec3> {
         DVec3::new(cos * (1.0 - z * z).sqrt(), sin * (1.0 - z * z).sqrt(), z)
     };
     (0..ROOTS).map(normal).collect()
+}
+
+/// Orienting one view of 640×480 by one thread, 75,000 pixels of it hair; without files, flow and the frames around it.
+fn view(bench: &mut Criterion) {
+    let inside =
+        |radius: f32| move |x: usize, y: usize| u8::from((x as f32 - 320.0).hypot(y as f32 - 240.0) < radius) * 255;
+    let (hair, subject) = (Mask::from_fn(640, 480, inside(155.0)), Mask::from_fn(640, 480, inside(190.0)));
+    let image = RgbImage::from_fn(640, 480, |x, y| {
+        let noise = (x * 7919 + y * 104_729) % 13;
+        let (x, y) = (x as f32, y as f32);
+        let lines = 40.0 * (x + 8.0 * (y / 40.0).sin()).sin() + 20.0 * (0.5 * x + 0.2 * y).cos();
+        [(90.0 + lines) as u8 + noise as u8; 3]
+    });
+    let pixels = hair.data.iter().filter(|&&m| m > 0).count();
+    let mut group = bench.benchmark_group("hair pixels");
+    group.sample_size(20).throughput(Throughput::Elements(pixels as u64));
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let (place, settings) = (Place::default(), OrientSettings::default());
+    group.bench_function("orient", |b| {
+        b.iter(|| {
+            one.install(|| {
+                let mut report = Report::default();
+                orient(&place, black_box(&image), &hair, &subject, Mode::Robust, &settings, &mut report).unwrap()
+            })
+        });
+    });
 }
 
 fn stages(bench: &mut Criterion) {
@@ -107,5 +135,5 @@ fn stages(bench: &mut Criterion) {
     });
 }
 
-criterion_group! { name = benches; config = Criterion::default().sample_size(10); targets = stages }
+criterion_group! { name = benches; config = Criterion::default().sample_size(10); targets = view, stages }
 criterion_main!(benches);

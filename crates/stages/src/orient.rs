@@ -4,16 +4,11 @@
 
 use serde::{Deserialize, Serialize};
 use strandflow_core::{Mask, Place, Plane, Report, RgbImage};
-use strandflow_image::{
-    colour::luma_of,
-    filter::{gaussian, gaussian_where},
-    gabor::{OrientationEnergy, add_energy},
-    pool::{along_lines, isotropic},
-    region::Region,
-};
+use strandflow_image::{colour::luma_of, filter::gaussian_where, gabor::OrientationEnergy, region::Region};
 
 use crate::{Mode, SettingViolation, StageError};
 
+mod energies;
 mod exposure;
 mod focus;
 pub mod steady;
@@ -144,17 +139,11 @@ pub fn orient(
     let trust = Trust::of(image, (region, &inside), subject, &detail, settings);
     trust.say(place, report);
     let texture = texture(detail, &coverage, settings);
-    let energy = filter_bank(&texture, settings);
-    let pooled = match mode {
-        Mode::Paper => energy,
-        Mode::Robust => {
-            let wide = isotropic(&energy, settings.pool_px);
-            let once = along_lines(&wide, &wide, &inside, settings.pool_along_px);
-            let along = along_lines(&wide, &once, &inside, settings.pool_along_px);
-            supported(along, settings.support_px)
-        }
+    let energies = match mode {
+        Mode::Paper => energies::of_pixels(&texture, settings),
+        Mode::Robust => energies::pooled(&texture, &inside, settings),
     };
-    let (angle, mut confidence) = read_out(&pooled, &inside);
+    let (angle, mut confidence) = read_out(&energies, &inside);
     trust.lower(&mut confidence);
     region.paste(&angle, &mut map.angle);
     region.paste(&confidence, &mut map.confidence);
@@ -257,50 +246,6 @@ fn texture(detail: Plane<f32>, coverage: &Plane<f32>, settings: &OrientSettings)
     out
 }
 
-/// Energies of all wavelengths, each scaled so that white noise has the same energy at every wavelength.
-fn filter_bank(texture: &Plane<f32>, settings: &OrientSettings) -> OrientationEnergy {
-    let mut energy = OrientationEnergy::zero(texture.width, texture.height);
-    for &wavelength in &settings.wavelengths_px {
-        let sigma = 0.5 * wavelength;
-        let gain = sigma * sigma / settings.orientations as f32;
-        add_energy(texture, (wavelength, sigma), settings.orientations, gain, &mut energy);
-    }
-    energy
-}
-
-/// Adds to every pixel what its wider surroundings agree on, weighted by their own agreement: where texture says little
-/// the surroundings decide. What is left of the total is the trust: how well the pixel's own energy agrees, times how well
-/// the directions around it do. Where layers of strands cross, a pixel's own texture can be clear and still show another
-/// layer than its neighbour's; of the hair of fast frames that is most of the error.
-fn supported(mut pooled: OrientationEnergy, sigma: f32) -> OrientationEnergy {
-    if sigma <= 0.0 {
-        return pooled;
-    }
-    let n = pooled.total.data.len();
-    let agreed = |plane: &Plane<f32>| {
-        let share = |i: usize| {
-            let total = pooled.total.data[i].max(1e-12);
-            let agreement = length(pooled.cos2.data[i], pooled.sin2.data[i]) / total;
-            agreement * plane.data[i] / total
-        };
-        Plane { data: (0..n).map(share).collect(), ..*plane }
-    };
-    let (c, s) = (agreed(&pooled.cos2), agreed(&pooled.sin2));
-    let (wide_c, wide_s) = (gaussian(&c, sigma), gaussian(&s, sigma));
-    let strength = gaussian(&Plane { data: (0..n).map(|i| length(c.data[i], s.data[i])).collect(), ..c }, sigma);
-    for i in 0..n {
-        let coherence = length(wide_c.data[i], wide_s.data[i]) / strength.data[i].max(1e-9);
-        let own = length(pooled.cos2.data[i], pooled.sin2.data[i]) / pooled.total.data[i].max(1e-12);
-        let trusted = own.sqrt() * coherence.powi(4) * pooled.total.data[i];
-        let (x, y) = (c.data[i] + 0.5 * wide_c.data[i], s.data[i] + 0.5 * wide_s.data[i]);
-        let norm = length(x, y);
-        if norm > 0.0 {
-            (pooled.cos2.data[i], pooled.sin2.data[i]) = (x / norm * trusted, y / norm * trusted);
-        }
-    }
-    pooled
-}
-
 /// Of energies, which neither overflow nor vanish when squared.
 fn length(x: f32, y: f32) -> f32 {
     (x * x + y * y).sqrt()
@@ -314,12 +259,12 @@ fn angle_of(cos2: f32, sin2: f32) -> f32 {
 }
 
 /// Angle in [0, π) and confidence: the share of the energy that agrees on the angle.
-fn read_out(pooled: &OrientationEnergy, inside: &Plane<bool>) -> (Plane<f32>, Plane<f32>) {
+fn read_out(energies: &OrientationEnergy, inside: &Plane<bool>) -> (Plane<f32>, Plane<f32>) {
     let at = |i: usize| {
         if !inside.data[i] {
             return (0.0, 0.0);
         }
-        let (c, s, total) = (pooled.cos2.data[i], pooled.sin2.data[i], pooled.total.data[i]);
+        let (c, s, total) = (energies.cos2.data[i], energies.sin2.data[i], energies.total.data[i]);
         (angle_of(c, s), if total > 0.0 { (length(c, s) / total).min(1.0) } else { 0.0 })
     };
     let (angle, confidence) = (0..inside.data.len()).map(at).unzip();

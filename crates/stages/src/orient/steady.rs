@@ -7,7 +7,7 @@
 
 use strandflow_core::{Mask, Plane, RgbImage};
 pub use strandflow_image::flow::Flow;
-use strandflow_image::{flow::coarse_flow, region::Region, sample::bilinear_of};
+use strandflow_image::{filter::either_side, flow::coarse_flow, region::Region, sample::bilinear_of};
 
 use super::{OrientationMap, angle_of, length};
 
@@ -167,13 +167,6 @@ impl Others {
             *heard = between(&left, &right);
         }
     }
-}
-
-/// The two of `halves` whose centres a pixel of a line lies between: its own, a quarter away, and the next, three quarters away;
-/// its own twice at the ends.
-fn either_side(pixel: usize, halves: usize) -> [usize; 2] {
-    let own = pixel / 2;
-    [own, if pixel.is_multiple_of(2) { own.saturating_sub(1) } else { (own + 1).min(halves - 1) }]
 }
 
 #[cfg(test)]
