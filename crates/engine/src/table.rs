@@ -139,7 +139,7 @@ pub static STAGES: [Stage; 13] = [
     Stage {
         name: "orient",
         summary: "orientation of every hair pixel",
-        version: 7,
+        version: 8,
         has_modes: true,
         settings: settings_of!(orient),
         phases: &[
