@@ -7,7 +7,7 @@ use std::hint::black_box;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use strandflow_core::Plane;
 use strandflow_image::{
-    filter::{gaussian, gaussian_half},
+    filter::{block_means, gaussian, gaussian_half},
     gabor::{OrientationEnergy, add_energy},
     pool::along_lines,
 };
@@ -58,13 +58,15 @@ fn bank(bench: &mut Criterion) {
 fn pooling(bench: &mut Criterion) {
     let mut energy = OrientationEnergy::zero(SIZE, SIZE);
     add_energy(&texture(), (6.5, 3.25), 12, 1.0, &mut energy);
-    let inside = Plane::filled(SIZE, SIZE, true);
+    // At half the resolution, as the stage pools.
+    let energy = energy.each(|plane| block_means(plane, 2));
+    let inside = Plane::filled(SIZE / 2, SIZE / 2, true);
     let mut group = bench.benchmark_group("along lines, flops");
     // Ten steps to either side of 20 operations each.
-    group.throughput(Throughput::Elements(PIXELS * 20 * 20));
+    group.throughput(Throughput::Elements(PIXELS / 4 * 20 * 20));
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
-    group.bench_function("sigma 10", |b| {
-        b.iter(|| one.install(|| along_lines(black_box(&energy), &energy, &inside, (10.0, 2.0))));
+    group.bench_function("sigma 5", |b| {
+        b.iter(|| one.install(|| along_lines(black_box(&energy), &energy, &inside, (5.0, 1.0))));
     });
 }
 

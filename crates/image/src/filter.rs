@@ -347,9 +347,15 @@ pub fn gradients(plane: &Plane<f32>) -> (Plane<f32>, Plane<f32>) {
     (along_rows(plane, &half, true), along_columns(plane, &half, true))
 }
 
+/// Sigma of the Gaussian that [`halved`] begins with \[px\].
+const HALVING_SIGMA: f32 = 1.0;
+
+/// Variance of what [`halved`] blurs by in all: by its Gaussian, and by the mean of two pixels \[px²\].
+pub const BLUR_OF_HALVING: f32 = HALVING_SIGMA * HALVING_SIGMA + 0.25;
+
 /// Half the resolution after a Gaussian blur of sigma 1; odd sizes round up.
 pub fn halved(plane: &Plane<f32>) -> Plane<f32> {
-    let smooth = gaussian(plane, 1.0);
+    let smooth = gaussian(plane, HALVING_SIGMA);
     Plane::from_fn(plane.width.div_ceil(2), plane.height.div_ceil(2), |x, y| {
         let (x0, y0) = (2 * x, 2 * y);
         let (x1, y1) = ((x0 + 1).min(plane.width - 1), (y0 + 1).min(plane.height - 1));
@@ -357,10 +363,8 @@ pub fn halved(plane: &Plane<f32>) -> Plane<f32> {
     })
 }
 
-/// Variance of the blur that [`halved`] begins with: that of its Gaussian and of the mean of two pixels \[px²\].
-pub const BLUR_OF_HALVING: f32 = 1.25;
-
-/// A plane of `width` × `height` from one of half the resolution, linear between the centres of its pixels.
+/// A plane of `width` × `height` from one of half the resolution, linear between the centres of its pixels. At the border, unlike
+/// that of wide blurs, it stays within their values: energies must not become negative.
 pub fn doubled(half: &Plane<f32>, width: usize, height: usize) -> Plane<f32> {
     let between = |near: f32, far: f32| 0.75 * near + 0.25 * far;
     let mut out = Plane { width, height, data: Vec::with_capacity(width * height) };

@@ -175,7 +175,9 @@ mod tests {
         let field = Field::new(&energy, &isotropic(&energy, 3.0), &inside);
         for y in 4..36 {
             let pixels = std::array::from_fn(|lane| [26 + lane, y]);
-            assert_eq!(field.pooled(pixels, &weights, 2.0), field.pooled_lanes(pixels, &weights, 2.0));
+            for step in [1.0, 2.0] {
+                assert_eq!(field.pooled(pixels, &weights, step), field.pooled_lanes(pixels, &weights, step));
+            }
         }
         // A line of its own: across a constant field the mean is that of the row's inside.
         let along_x = OrientationEnergy { cos2: plane(0).map(|_| 1.0), ..OrientationEnergy::zero(width, height) };

@@ -21,9 +21,7 @@ const STEP_PX: f32 = 2.0;
 
 /// Every pixel's own energies, of all wavelengths.
 pub(super) fn of_pixels(texture: &Plane<f32>, settings: &OrientSettings) -> OrientationEnergy {
-    let mut energy = OrientationEnergy::zero(texture.width, texture.height);
-    settings.wavelengths_px.iter().for_each(|&wave| Filter::of(wave, settings).add(texture, settings, &mut energy));
-    energy
+    seen(texture, Filter::all(settings))
 }
 
 /// Energies pooled over the surroundings and along the strands of the hair.
@@ -31,29 +29,39 @@ pub(super) fn pooled(texture: &Plane<f32>, inside: &Plane<bool>, settings: &Orie
     if settings.pool_px < COARSE_POOL_PX {
         return pool(&of_pixels(texture, settings), inside, &Windows::of(settings));
     }
-    let (coarse, fine): (Vec<f32>, Vec<f32>) =
-        settings.wavelengths_px.iter().partition(|&&wave| wave >= COARSE_WAVE_PX);
-    let fine = of_pixels(texture, &OrientSettings { wavelengths_px: fine, ..settings.clone() });
-    let mut energy = fine.each(|plane| block_means(plane, 2));
+    let (coarse, fine): (Vec<_>, Vec<_>) =
+        Filter::all(settings).partition(|filter| filter.wavelength >= COARSE_WAVE_PX);
+    let mut energy = seen(texture, fine).each(|plane| block_means(plane, 2));
     if !coarse.is_empty() {
         let half = halved(texture);
-        coarse.into_iter().for_each(|wave| Filter::of(wave, settings).of_halved().add(&half, settings, &mut energy));
+        coarse.into_iter().for_each(|filter| filter.of_halved().add(&half, &mut energy));
     }
     let pooled = pool(&energy, &any_of_blocks(inside), &Windows::of(settings).of_halved());
     pooled.each(|plane| doubled(plane, texture.width, texture.height))
 }
 
-/// The filter pair of a wavelength \[px\], scaled so that white noise has the same energy at every wavelength.
+fn seen(texture: &Plane<f32>, filters: impl IntoIterator<Item = Filter>) -> OrientationEnergy {
+    let mut energy = OrientationEnergy::zero(texture.width, texture.height);
+    filters.into_iter().for_each(|filter| filter.add(texture, &mut energy));
+    energy
+}
+
+/// The filter pairs of a wavelength \[px\], scaled so that white noise has the same energy at every wavelength.
 struct Filter {
     wavelength: f32,
     sigma: f32,
+    orientations: usize,
     gain: f32,
 }
 
 impl Filter {
-    fn of(wavelength: f32, settings: &OrientSettings) -> Self {
+    fn all(settings: &OrientSettings) -> impl Iterator<Item = Self> {
+        settings.wavelengths_px.iter().map(|&wavelength| Self::of(wavelength, settings.orientations))
+    }
+
+    fn of(wavelength: f32, orientations: usize) -> Self {
         let sigma = 0.5 * wavelength;
-        Self { wavelength, sigma, gain: sigma * sigma / settings.orientations as f32 }
+        Self { wavelength, sigma, orientations, gain: sigma * sigma / orientations as f32 }
     }
 
     /// The one that sees in the halved image what this one sees in the image. Halving begins with a blur, and a Gabor filter
@@ -68,21 +76,22 @@ impl Filter {
             wavelength: 0.5 * self.wavelength * left / own,
             sigma: 0.5 * left.sqrt(),
             gain: self.gain / (response * response),
+            ..self
         }
     }
 
-    fn add(&self, texture: &Plane<f32>, settings: &OrientSettings, into: &mut OrientationEnergy) {
-        add_energy(texture, (self.wavelength, self.sigma), settings.orientations, self.gain, into);
+    fn add(&self, texture: &Plane<f32>, into: &mut OrientationEnergy) {
+        add_energy(texture, (self.wavelength, self.sigma), self.orientations, self.gain, into);
     }
 }
 
 /// Blocks of 2 × 2 pixels of which at least one is set.
 fn any_of_blocks(mask: &Plane<bool>) -> Plane<bool> {
     let mut any = Plane::filled(mask.width.div_ceil(2), mask.height.div_ceil(2), false);
-    for (y, row) in mask.data.chunks_exact(mask.width).enumerate() {
-        let width = any.width;
-        let blocks = &mut any.data[y / 2 * width..][..width];
-        blocks.iter_mut().zip(row.chunks(2)).for_each(|(any, block)| *any |= block.contains(&true));
+    for (blocks, rows) in any.data.chunks_exact_mut(mask.width.div_ceil(2)).zip(mask.data.chunks(2 * mask.width)) {
+        for row in rows.chunks_exact(mask.width) {
+            blocks.iter_mut().zip(row.chunks(2)).for_each(|(any, block)| *any |= block.contains(&true));
+        }
     }
     any
 }
@@ -168,13 +177,13 @@ mod tests {
 
     #[test]
     fn filters_of_the_halved_image_see_what_those_of_the_image_see() {
-        let settings = OrientSettings::default();
+        let filter = || Filter::of(9.5, 12);
+        let (width, height) = SIZE;
         // Waves shorter than, as long as, and longer than the filter's.
         for (length, degrees) in [(7.5, 0.0), (9.5, 0.0), (9.5, 28.0), (9.5, 45.0), (9.5, 90.0), (13.0, 110.0)] {
             let texture = wave(length, degrees);
-            let (mut all, mut half) = (OrientationEnergy::zero(151, 120), OrientationEnergy::zero(76, 60));
-            Filter::of(9.5, &settings).add(&texture, &settings, &mut all);
-            Filter::of(9.5, &settings).of_halved().add(&halved(&texture), &settings, &mut half);
+            let (all, half) = (seen(&texture, [filter()]), seen(&halved(&texture), [filter().of_halved()]));
+            assert_eq!((half.total.width, half.total.height), (width.div_ceil(2), height / 2));
             for (x, y) in [(38, 30), (30, 25), (45, 33)] {
                 let of = |energy: &OrientationEnergy, at: (usize, usize)| {
                     [energy.cos2[at], energy.sin2[at], energy.total[at]]
